@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
 from virtual_bench import USUAL_CLASS
 
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind
+from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

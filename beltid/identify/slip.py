@@ -202,7 +202,10 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     with np.errstate(divide="ignore", invalid="ignore"):
         quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     ratios, scatter = pooled_means(quotients, series)
-    idle = _without_torque(np.abs(torque), torque_se) & np.isfinite(scatter)
+    # without torque: below a share of the largest, or within its noise
+    size, most = np.abs(torque), np.fmax.reduce(np.abs(torque), initial=0.0)
+    noise = np.fmin(2.0 * torque_se, MOST_NOISE * most)
+    idle = (size <= np.fmax(NO_LOAD_SHARE * most, noise)) & np.isfinite(scatter)
     if idle.any():
         coarse = np.hypot(rounding[0], ratios * rounding[1]) / np.abs(driven)
         ratio, ratio_se = _weighted(ratios[idle], scatter[idle], coarse[idle])
@@ -295,12 +298,6 @@ def _series(speed: Array) -> NDArray[np.intp]:
     series = settings_of(np.abs(speed), SAME_SETTING)
     one = not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS
     return np.zeros_like(series) if one else series
-
-
-def _without_torque(torque: Array, se: Array) -> NDArray[np.bool_]:
-    """Mark the runs without torque, (R,): below a share of the largest, or within its noise."""
-    largest = np.fmax.reduce(torque, initial=0.0)
-    return torque <= np.fmax(NO_LOAD_SHARE * largest, np.fmin(2.0 * se, MOST_NOISE * largest))
 
 
 def _scatter(samples: Array) -> float:

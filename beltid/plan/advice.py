@@ -8,7 +8,7 @@ does not look like a trend over the tension.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -16,9 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.plan.candidates import in_both_directions
-from beltid.plan.design import Knowledge, Need, RunRows, choose_runs, needed_for
-from beltid.plan.knowledge import SAME_SPEED
-from beltid.refine.curves import Curves
+from beltid.plan.knowledge import (
+    SAME_SPEED,
+    Knowledge,
+    Need,
+    RunRows,
+    choose_runs,
+    less,
+    needed_for,
+)
+from beltid.refine.posterior import Curves
 from beltid.uncertainty.sources import FITTED, Source
 
 Array = NDArray[np.float64]
@@ -243,12 +250,19 @@ def _planned(
 
     def without(rows: Sequence[int]) -> dict[int, float]:
         """Return the variance without each of some runs, by their number."""
-        return {i: left(_less(rows, i)) for i in sorted(set(rows))}
+        return {i: left(less(rows, i)) for i in sorted(set(rows))}
 
     stop: Stop | None = "goal reached" if now <= goal**2 else None
     chosen: list[int] = []
     if stop is None:
-        chosen = _without_harmful(choose_runs(before, runs, W, count), runs, count, left, without)
+        chosen = choose_runs(before, runs, W, count)
+        while chosen:  # drop runs whose shared errors make the surface worse, but no needed ones
+            needed = needed_for(runs, chosen, count)
+            free = {i: variance for i, variance in without(chosen).items() if i not in needed}
+            worst = min(free, key=free.__getitem__, default=None)
+            if worst is None or free[worst] >= left(chosen):
+                break
+            chosen = less(chosen, worst)
         worthwhile = now * (1.0 - WORTH) ** 2
         if left(chosen) <= goal**2:
             fewer = 0  # by bisection
@@ -278,31 +292,6 @@ def _planned(
         statements=_statements(after, W, sources),
         stop=stop,
     )
-
-
-def _less(rows: Sequence[int], i: int) -> list[int]:
-    """Return the runs with one of them listed once less."""
-    others = list(rows)
-    others.remove(i)
-    return others
-
-
-def _without_harmful(
-    chosen: list[int],
-    runs: RunRows,
-    count: int,
-    left: Callable[[Sequence[int]], float],
-    without: Callable[[Sequence[int]], dict[int, float]],
-) -> list[int]:
-    """Drop the runs whose shared errors make the surface worse, but those the plan must contain."""
-    while chosen:
-        needed = needed_for(runs, chosen, count)
-        free = {i: variance for i, variance in without(chosen).items() if i not in needed}
-        worst = min(free, key=free.__getitem__, default=None)
-        if worst is None or free[worst] >= left(chosen):
-            break
-        chosen = _less(chosen, worst)
-    return chosen
 
 
 def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Region, ...]:

@@ -23,8 +23,13 @@ from beltid.stages.friction import reduce_rig, reduction_columns, simulated_reco
 from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import with_tensions
 from beltid.store.artifact import Artifact
-from beltid.uncertainty.agreement import dominant, validated, within_words
-from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
+from beltid.uncertainty.simulated import (
+    RunsUncertainty,
+    dominant,
+    runs_uncertainty_of,
+    validated,
+    within_words,
+)
 
 NEEDED: Final = (
     *("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s"),

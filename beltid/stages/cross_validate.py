@@ -24,8 +24,8 @@ from beltid.identify.agreement import (
     folds,
 )
 from beltid.notes import log
-from beltid.refine.curves import SPEED_BEND
 from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import SPEED_BEND
 from beltid.stage import Outcome
 from beltid.stages.compare import agreement
 from beltid.stages.inputs import friction_columns, press_law
@@ -42,7 +42,6 @@ from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import PressLaw, measured_runs, numbered_arcs
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
-    SimulatedUncertainty,
     simulated_uncertainty,
 )
 from beltid.uncertainty.sources import (
@@ -64,9 +63,8 @@ class Predicted:
     """The predicted runs of one fold."""
 
     fold: Fold
-    part: SimulatedUncertainty
+    part: RunsUncertainty
     """The predicted coefficients and their uncertainty by source."""
-    sources: tuple[Source, ...]
     beyond: int
     """Number of predicted runs whose mean force no other run reached."""
     warnings: tuple[str, ...] = ()
@@ -123,7 +121,7 @@ def _notes(predicted: Sequence[Predicted], by: HoldOut) -> Iterator[str]:
             f"{beyond} of {n} predicted runs have a mean force that no other run reached: "
             "the nearest value was used there"
         )
-    knows_arcs = all(any(s.error == ARC for s in p.sources) for p in predicted)
+    knows_arcs = all(any(s.error == ARC for s in p.part.sources) for p in predicted)
     if by == "arc" and not knows_arcs:
         yield (
             "a single arc was left, which does not show how much arcs differ: such a difference is "
@@ -156,14 +154,14 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
         part = replace(
             part,
+            sources=(*sources, between_speeds_source(int(fold.left_out[0]))),
             simulated=np.hstack([part.simulated, missed]),
             difference=np.hstack([part.difference, missed]),
         )
-        sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
     beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
     warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
-    return Predicted(fold, part, sources, beyond, warnings)
+    return Predicted(fold, part, beyond, warnings)
 
 
 def as_simulated(
@@ -176,21 +174,21 @@ def as_simulated(
     runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
-    mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
     # the folds may differ in their sources
     by_key: dict[tuple[str, int], Source] = {}
-    for source in (source for prediction in predicted for source in prediction.sources):
+    for source in (source for prediction in predicted for source in prediction.part.sources):
         by_key.setdefault((source.error, source.place), source)
     column_of = {key: k for k, key in enumerate(by_key)}
     parts = []
-    for prediction in predicted:
-        part, n = prediction.part, prediction.part.mu.size
-        aligned = [column_of[source.error, source.place] for source in prediction.sources]
-        simulated, difference = np.zeros((2, n, len(by_key)))
+    for part in (prediction.part for prediction in predicted):
+        aligned = [column_of[source.error, source.place] for source in part.sources]
+        simulated, difference = np.zeros((2, part.mu.size, len(by_key)))
         simulated[:, aligned], difference[:, aligned] = part.simulated, part.difference
-        zero = np.zeros((n, 2))
+        zero = np.zeros((part.mu.size, 2))
         parts.append(replace(part, simulated=simulated, difference=difference, by_setting=zero))
-    labels = [str(label) for label in table["run"]]
-    uncertainty = RunsUncertainty.of(labels, mu, tuple(by_key.values()), parts)
-    return {**table, "mu_sliding": mu}, uncertainty
+    labels = tuple(str(label) for label in table["run"])
+    uncertainty = replace(
+        RunsUncertainty.joined(parts), sources=tuple(by_key.values()), runs=labels
+    )
+    return {**table, "mu_sliding": uncertainty.mu}, uncertainty

@@ -16,15 +16,16 @@ from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
-from beltid.refine.inverse import RefinedSurface, refine_surface
-from beltid.refine.posterior import SCATTER
-from beltid.refine.shown import (
+from beltid.refine.inverse import (
     CONFOUNDED,
     TOGETHER,
+    RefinedSurface,
     ShownEffect,
     contradictions,
+    refine_surface,
     shown_effects,
 )
+from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
 from beltid.stage import Outcome
 from beltid.stages.columns import at, finite_or_none, in_percent

@@ -17,10 +17,19 @@ from beltid.stage import Outcome
 from beltid.stages.columns import at, in_percent, ok_rows, span
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import friction_columns, standard_uncertainties
-from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.reduced import published_changes
-from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
+from beltid.uncertainty.measured import (
+    Measured,
+    measured_runs,
+    own_errors,
+    published_changes,
+    valid_rows,
+)
+from beltid.uncertainty.sources import (
+    StandardUncertainties,
+    SurfaceUncertainty,
+    reduction_sources,
+    rig_sources,
+)
 
 NO_ARC_DEG: Final = 90.0
 """Arc of coefficients that a table states without one: they form a single group and do not depend

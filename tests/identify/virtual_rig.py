@@ -21,6 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from beltid.identify.friction.reduction import RunReduction, reduce_records
+from beltid.identify.friction.run import TWO_CELLS, RigKind, run_records
+
+
+def reduce_runs(columns, R: float, kind: RigKind = TWO_CELLS) -> tuple[RunReduction, ...]:
+    """All runs of a recording."""
+    return reduce_records(run_records(columns, R, kind), R)
+
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from beltid.plan.advice import Target, choose_plan, schedule, surface_target
-from beltid.plan.design import Knowledge, RunRows, needed_for
-from beltid.refine.curves import Curves
+from beltid.plan.knowledge import Knowledge, RunRows, needed_for
+from beltid.refine.posterior import Curves
 from beltid.uncertainty.sources import Source
 
 GAIN = Source("gain of the torque", "torque_gain", 0, 0.01, "%", 0.01, "stated")

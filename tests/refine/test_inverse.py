@@ -12,9 +12,8 @@ from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, sol
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
-from beltid.refine.inverse import RefinedSurface, refine_surface
+from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
 from beltid.refine.posterior import SCATTER, campaign_effects
-from beltid.refine.shown import ShownEffect, shown_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE, Source

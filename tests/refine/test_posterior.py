@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.refine.curves import Curves
 from beltid.refine.posterior import (
     BEFORE,
     CURVE,
@@ -15,6 +14,7 @@ from beltid.refine.posterior import (
     NOISE,
     SCATTER,
     SHARED_ERRORS,
+    Curves,
     Effect,
     LinearRuns,
 )

@@ -9,7 +9,7 @@ import pytest
 from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
-from beltid.uncertainty.reduced import changes_at_nodes, published_changes, published_grid
+from beltid.uncertainty.measured import changes_at_nodes, published_changes, published_grid
 from beltid.uncertainty.rig_runs import (
     INPUTS,
     MESH,

@@ -28,8 +28,7 @@ from beltid.identify.estimators import (
     running_median,
     spike_mask,
 )
-from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind
-from beltid.identify.friction.run import RunRecord, RunRejected
+from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -511,22 +510,24 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     excess, excess_apart = _median_level(measured / stated - 1.0, stated)
     if min(offset_apart, excess_apart) > AGREE:
         return ""
-    is_offset = offset_apart < excess_apart
-    if is_offset and abs(offset_N) > LARGE * levels[0]:
-        return (
-            f"the tensions at rest are {offset_N:+.3g} N off the stated initial tensions at "
-            f"{levels.size} levels of tension: were the load cells tared? State their readings "
-            "without load as friction.tension_tight_tare_N and friction.tension_slack_tare_N. "
-            f"{ROUGH}"
+    if offset_apart < excess_apart:
+        is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
+        remedy = (
+            "were the load cells tared? State their readings without load as "
+            "friction.tension_tight_tare_N and friction.tension_slack_tare_N"
         )
-    if not is_offset and abs(excess) > LARGE:
-        return (
-            f"the tensions at rest are {1.0 + excess:.4g} times the stated initial tensions at "
-            f"{levels.size} levels of tension: is the unit of the cells right (units.rig), is the "
-            "force of the whole hub stated? State a known error of the cells as "
-            f"friction.tension_tight_gain and friction.tension_slack_gain. {ROUGH}"
+    else:
+        is_large, size = abs(excess) > LARGE, f"{1.0 + excess:.4g} times"
+        remedy = (
+            "is the unit of the cells right (units.rig), is the force of the whole hub stated? "
+            "State a known error of the cells as friction.tension_tight_gain and "
+            "friction.tension_slack_gain"
         )
-    return ""
+    text = (
+        f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
+        f"tension: {remedy}. {ROUGH}"
+    )
+    return text if is_large else ""
 
 
 def _median_level(values: Array, stated: Array) -> tuple[float, float]:

@@ -39,8 +39,7 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.kinds import SPANS, Span
-from beltid.identify.friction.run import NAN, RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import NAN, SPANS, RunRecord, RunReduction, RunRejected, Span
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -79,7 +78,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
     found, sliding
         What its own record gives, and its sliding phase; None if the status is final.
     """
-    run = RunReduction.of(record)
+    run = replace(record.result)
     try:
         return run, _sliding(run, record, R)
     except RunRejected as reason:

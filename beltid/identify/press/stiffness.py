@@ -61,23 +61,44 @@ LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the lar
 LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedLaw:
-    """The law of some curves; SI, per metre of belt."""
+@dataclass(frozen=True, slots=True)
+class LawEstimate:
+    """Normal law with its uncertainty, per metre of belt: one row of the stiffness table."""
 
-    k: Array  # k_linear [N/m²], k_quadratic [N/m³]
-    covariance: Array  # (2, 2)
-    contact_m: Array  # of every curve
-    temperature: tuple[float, float]  # relative change of the force per K, and its standard error
+    temperature_degC: float | None  # mean of the tests; None for the pooled law
+    k_linear_N_m2: float  # coefficients of Eq. (3)
+    k_quadratic_N_m3: float
+    covariance: tuple[float, float, float, float]  # of both coefficients, row by row
+    temperature_slope: tuple[float, float]
+    """Relative change of the force per K, and its standard error."""
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
+    contact_offset_mm: float  # mean crosshead travel at the contact point
+    rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
+    hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
+    max_penetration_m: float  # largest penetration and force: range of validity
+    max_force_N_m: float
+    n_samples: int  # within the range of the fit
+    n_effective: float  # number of independent nodes behind the standard errors
+    n_cycles: int
+    contact_m: dict[str, float]  # position of the contact point of every test
     misfit: float  # largest misfit of the law over the force, from a tenth of it on
-    n_effective: float  # independent nodes
-    note: str = ""  # a coefficient that is held at zero
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def k_linear_se_N_m2(self) -> float:
+        """Standard error of k_linear [N/m²]."""
+        return math.sqrt(self.covariance[0])
+
+    @property
+    def k_quadratic_se_N_m3(self) -> float:
+        """Standard error of k_quadratic [N/m³]."""
+        return math.sqrt(self.covariance[3])
 
     @property
     def law(self) -> NormalLaw:
         """Normal law of Eq. (3)."""
-        return NormalLaw(*self.k.tolist())
+        return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,8 +213,11 @@ def _smooth(s: Array) -> Array:
 
 
 def fit_law(
-    curves: Sequence[PressCurve], reference_degC: float = math.nan, known: Sizes | None = None
-) -> FittedLaw:
+    curves: Sequence[PressCurve],
+    reference_degC: float = math.nan,
+    known: Sizes | None = None,
+    temperature_degC: float | None = None,
+) -> LawEstimate:
     """Fit the law to the curves of one or several tests.
 
     Parameters
@@ -204,6 +228,8 @@ def fit_law(
         Temperature of the law [°C]; nan: an influence of temperature is not looked for.
     known : mapping of str to float, optional
         Sizes of effects that are known from more curves of the bench.
+    temperature_degC : float, optional
+        Mean temperature of the curves [°C]; none of a pooled law.
 
     Raises
     ------
@@ -240,15 +266,37 @@ def fit_law(
         slope, slope_se = PER_KELVIN * float(mean[0]), PER_KELVIN * math.sqrt(variance[0, 0])
     white = posterior.sizes["noise"] ** 2
     share = white / (white + posterior.sizes["correlated"] ** 2 / CORRELATION / data.x.shape[1])
-    return FittedLaw(
-        k=k * unit,
-        covariance=(covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit),
-        contact_m=p * data.span + [c.touch_m for c in curves],
-        temperature=(slope, slope_se),
+    law = NormalLaw(*(k * unit).tolist())
+    contact = p * data.span + [c.touch_m for c in curves]
+    squares = [
+        np.mean((b.force_N_m - law.force(b.position_m - at)) ** 2)
+        for c, at in zip(curves, contact, strict=True)
+        for b in c.fitted
+    ]
+    covariance = (covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit)
+    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    loss = max(float(np.divide(*work.sum(axis=0))), 0.0) if work.size else math.nan
+    depth = float(np.max([c.top_position_m for c in curves] - contact))
+    notes, warnings = _findings(curves, misfit, note, posterior.sizes["segment"], depth)
+    return LawEstimate(
+        temperature_degC=temperature_degC,
+        k_linear_N_m2=law.k_linear_N_m2,
+        k_quadratic_N_m3=law.k_quadratic_N_m3,
+        covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
+        temperature_slope=(slope, slope_se),
         sizes=posterior.sizes,
-        misfit=misfit,
+        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
+        rms_residual_N_m=float(np.sqrt(np.mean(squares))),
+        hysteresis_ratio=loss,
+        max_penetration_m=depth,
+        max_force_N_m=max(c.top_force_N_m for c in curves),
+        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
         n_effective=float(data.used.sum()) * share,
-        note=note,
+        n_cycles=len(curves),
+        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
+        misfit=misfit,
+        notes=notes,
+        warnings=warnings,
     )
 
 
@@ -312,69 +360,18 @@ LINE_FORCE_N_M = (1.0e2, 1.0e6)
 
 
 @dataclass(frozen=True, slots=True)
-class LawEstimate:
-    """Normal law with its uncertainty, per metre of belt: one row of the stiffness table."""
-
-    temperature_degC: float | None  # mean of the tests; None for the pooled law
-    k_linear_N_m2: float  # coefficients of Eq. (3)
-    k_quadratic_N_m3: float
-    covariance: tuple[float, float, float, float]  # of both coefficients, row by row
-    contact_offset_mm: float  # mean crosshead travel at the contact point
-    rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
-    hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
-    max_penetration_m: float  # largest penetration and force: range of validity
-    max_force_N_m: float
-    n_samples: int  # within the range of the fit
-    n_effective: float  # number of independent nodes behind the standard errors
-    n_cycles: int
-    contact_m: dict[str, float]  # position of the contact point of every test
-    misfit: float  # largest misfit of the law over the force, from a tenth of it on
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def k_linear_se_N_m2(self) -> float:
-        """Standard error of k_linear [N/m²]."""
-        return math.sqrt(self.covariance[0])
-
-    @property
-    def k_quadratic_se_N_m3(self) -> float:
-        """Standard error of k_quadratic [N/m³]."""
-        return math.sqrt(self.covariance[3])
-
-    @property
-    def law(self) -> NormalLaw:
-        """Normal law of Eq. (3)."""
-        return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureEffect:
-    """Influence of temperature on the force."""
-
-    slope_per_K: float  # relative change of the force; nan with a single temperature
-    slope_se_per_K: float
-    matters: bool | None  # true if significant and relevant; None with fewer than two temperatures
-    statement: str  # result in plain words
-
-
-@dataclass(frozen=True, slots=True)
 class StiffnessResult:
     """Results of a press recording."""
 
     laws: tuple[LawEstimate, ...]
     """One law per known temperature, ascending; empty if no temperature is known."""
     pooled: LawEstimate  # law at the reference temperature, from all tests
-    temperature: TemperatureEffect
+    temperature_matters: bool | None
+    """Whether the influence of temperature is significant and relevant; None if not tested."""
     quadratic_supported: bool
     """Whether the quadratic law, with both terms, is all that the curves show."""
     recording: PressRecording  # curves used for the fits, and rejected tests
     notes: tuple[str, ...]  # for the user, without the warnings of the pooled law
-
-    @property
-    def contact_m(self) -> dict[str, float]:
-        """Position of the contact point of each test [m]."""
-        return self.pooled.contact_m
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
@@ -397,25 +394,25 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     recording = read_recording(press, settings)
     groups = _group_by_temperature(recording.curves)
     reference = settings.reference_temperature_degC if len(groups) > 1 else math.nan
-    fitted = fit_law(recording.curves, reference)
-    pooled = _estimate(recording.curves, fitted, None)
+    pooled = fit_law(recording.curves, reference)
     laws, notes = [], []
     for t, curves in groups.items():
         try:
-            laws.append(_estimate(curves, fit_law(curves, known=fitted.sizes), t))
+            laws.append(fit_law(curves, known=pooled.sizes, temperature_degC=t))
         except NumericsError as error:
             notes.append(f"No law of the tests at {t:g} °C alone: {error}.")
-    effect = _temperature_effect(groups, fitted)
-    supported = fitted.misfit < RELEVANT and not fitted.note
+    matters, statement = _temperature_effect(groups, *pooled.temperature_slope)
+    both_terms = min(pooled.k_linear_N_m2, pooled.k_quadratic_N_m3) > 0.0
+    supported = pooled.misfit < RELEVANT and both_terms
     verdict = "supported" if supported else "not supported"
     notes += [
-        effect.statement,
-        f"The quadratic law is {verdict}: it misses by up to {100 * fitted.misfit:.2g} % of the "
+        statement,
+        f"The quadratic law is {verdict}: it misses by up to {100 * pooled.misfit:.2g} % of the "
         "force beyond a tenth of its largest value.",
         *pooled.notes,
         *recording.notes,
     ]
-    return StiffnessResult(tuple(laws), pooled, effect, supported, recording, tuple(notes))
+    return StiffnessResult(tuple(laws), pooled, matters, supported, recording, tuple(notes))
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
@@ -431,66 +428,23 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 
 
 def _temperature_effect(
-    groups: Mapping[float, Sequence[PressCurve]], fitted: FittedLaw
-) -> TemperatureEffect:
-    """Judge the slope of the force over the temperature."""
+    groups: Mapping[float, Sequence[PressCurve]], slope: float, se: float
+) -> tuple[bool | None, str]:
+    """Judge the slope of the force over the temperature; return the result in plain words, too."""
     if len(groups) < 2:
         where = "".join(f"{t:g} °C" for t in groups) or "an unknown temperature"
-        statement = f"All tests are at {where}: no statement on temperature."
-        return TemperatureEffect(math.nan, math.nan, None, statement)
-    slope, se = fitted.temperature
+        return None, f"All tests are at {where}: no statement on temperature."
     change = 100.0 * slope * (max(groups) - min(groups))
     matters = abs(slope) > CLEAR * se and abs(change) > 100.0 * RELEVANT
-    outcome = "matters" if matters else "does not matter"
-    statement = (
-        f"Temperature {outcome} between {min(groups):g} and {max(groups):g} °C: the force changes "
-        f"by {change:.2g} ± {100.0 * se * (max(groups) - min(groups)):.1g} %."
+    return matters, (
+        f"Temperature {'matters' if matters else 'does not matter'} between {min(groups):g} and "
+        f"{max(groups):g} °C: the force changes by {change:.2g} ± "
+        f"{100.0 * se * (max(groups) - min(groups)):.1g} %."
     )
-    return TemperatureEffect(slope, se, matters, statement)
-
-
-def _estimate(
-    curves: Sequence[PressCurve], fitted: FittedLaw, temperature_degC: float | None
-) -> LawEstimate:
-    """Return the law with what its curves tell besides."""
-    elastic, contact = fitted.law, fitted.contact_m
-    squares = [
-        np.mean((b.force_N_m - elastic.force(b.position_m - p)) ** 2)
-        for c, p in zip(curves, contact, strict=True)
-        for b in c.fitted
-    ]
-    loss = _loss_ratio(curves)
-    depth = float(np.max([c.top_position_m for c in curves] - contact))
-    force = max(c.top_force_N_m for c in curves)
-    notes, warnings = _findings(curves, fitted, depth, force)
-    return LawEstimate(
-        temperature_degC=temperature_degC,
-        k_linear_N_m2=elastic.k_linear_N_m2,
-        k_quadratic_N_m3=elastic.k_quadratic_N_m3,
-        covariance=(*fitted.covariance[0].tolist(), *fitted.covariance[1].tolist()),
-        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
-        rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=loss if math.isnan(loss) else max(loss, 0.0),
-        max_penetration_m=depth,
-        max_force_N_m=force,
-        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
-        n_effective=fitted.n_effective,
-        n_cycles=len(curves),
-        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
-        misfit=fitted.misfit,
-        notes=notes,
-        warnings=warnings,
-    )
-
-
-def _loss_ratio(curves: Sequence[PressCurve]) -> float:
-    """Return the work lost in the loops over the work of loading; nan without unloading."""
-    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def _findings(
-    curves: Sequence[PressCurve], fitted: FittedLaw, depth: float, force: float
+    curves: Sequence[PressCurve], misfit: float, held: str, segment: float, depth: float
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return notes and warnings: wrong units, a coefficient at zero, no unloading, scatter."""
     warnings = [
@@ -498,13 +452,13 @@ def _findings(
         f"{name} in another unit, or press.segment_length_cm wrong?"
         for name, verb, top, (low, high), unit in (
             ("displacement_mm", "penetrates", depth, DEPTH_M, "m"),
-            ("force_N", "is pressed", force, LINE_FORCE_N_M, "N/m"),
+            ("force_N", "is pressed", max(c.top_force_N_m for c in curves), LINE_FORCE_N_M, "N/m"),
         )
         if not low <= top <= high
     ]
-    if fitted.misfit >= RELEVANT:
+    if misfit >= RELEVANT:
         warnings.append(
-            f"the law misses by up to {100 * fitted.misfit:.2g} % of the force; included in the "
+            f"the law misses by up to {100 * misfit:.2g} % of the force; included in the "
             "standard errors"
         )
     if not curves[0].unloads:
@@ -513,11 +467,11 @@ def _findings(
             "the branches; half of a loop of 20 % is included in the standard errors"
         )
     notes: list[str] = []
-    if fitted.note:
-        (warnings if fitted.misfit >= RELEVANT else notes).append(fitted.note)
-    segment = 100 * fitted.sizes["segment"]
-    if segment >= 100 * RELEVANT:
+    if held:
+        (warnings if misfit >= RELEVANT else notes).append(held)
+    if segment >= RELEVANT:
         notes.append(
-            f"the tests differ by {segment:.2g} % of the force; included in the standard errors"
+            f"the tests differ by {100 * segment:.2g} % of the force; included in the standard "
+            "errors"
         )
     return tuple(notes), tuple(warnings)
