@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -346,14 +346,12 @@ def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.int
     return columns
 
 
-HoldOut = Literal["arc", "speed"]
-
-SETTING: Final[dict[HoldOut, tuple[str, str]]] = {
+SETTING: Final[dict[str, tuple[str, str]]] = {
     "arc": ("arc_deg", "°"),
     "speed": ("pulley_speed_rad_s", " rad/s"),
 }
 """Column of each setting, and its unit as printed."""
-FEWEST: Final[dict[HoldOut, int]] = {"arc": 2, "speed": 3}
+FEWEST: Final[dict[str, int]] = {"arc": 2, "speed": 3}
 FEWEST_RUNS: Final = 4
 """Minimum number of runs to refine a surface from."""
 
@@ -362,15 +360,13 @@ FEWEST_RUNS: Final = 4
 class Fold:
     """A setting that is left out."""
 
-    by: HoldOut
+    by: str
     name: str  # such as "arc 40°"
     left_out: NDArray[np.intp]  # rows of the runs to predict
     rest: NDArray[np.intp]  # rows of the runs to refine the surface from
 
 
-def folds(
-    columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: HoldOut
-) -> tuple[Fold, ...]:
+def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) -> tuple[Fold, ...]:
     """List the settings that can be left out, in ascending order.
 
     Parameters
@@ -384,9 +380,13 @@ def folds(
 
     Raises
     ------
+    InputError
+        If there is no such setting.
     TooFewSettings
         If too few settings or runs would remain.
     """
+    if by not in SETTING:
+        raise InputError(f"by = {by}, must be {' or '.join(SETTING)}")
     column, unit = SETTING[by]
     values = np.abs(np.asarray(columns[column], dtype=float)[usable])
     label = settings_of(values, SAME_SETTING[column])

@@ -8,7 +8,8 @@ does not look like a trend over the tension.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -52,20 +53,6 @@ class Target:
         """Return the variance of ln mu at the points (q,)."""
         scatter = np.einsum("qp,pr,qr->q", self.rows, knowledge.scatter, self.rows)
         return np.asarray(scatter + np.sum(np.square(self.rows @ knowledge.changes), axis=1))
-
-    def regions(self) -> Iterator[NDArray[np.bool_]]:
-        """Yield masks (q,) of the regions with weight, by force, then speed: thirds in ln."""
-        force, speed = (_thirds(np.log(x)) for x in (self.normal_force, self.slip_speed))
-        for number in range(REGIONS**2):
-            here = (force == number // REGIONS) & (speed == number % REGIONS)
-            if self.weight[here].sum() > 0.0:
-                yield here
-
-
-def _thirds(x: Array) -> NDArray[np.intp]:
-    """Return the index of the third of the range in which each value lies."""
-    width = max(float(np.ptp(x)), 1.0e-12)
-    return np.asarray(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)), dtype=np.intp)
 
 
 def surface_target(
@@ -295,23 +282,25 @@ def _planned(
 
 
 def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Region, ...]:
-    """Return the uncertainty in every region, before and after the runs."""
-
-    def mean(variance: np.ndarray, here: np.ndarray) -> float:
-        return float(np.sqrt(np.average(variance[here], weights=target.weight[here])))
-
-    def span(values: np.ndarray) -> tuple[float, float]:
-        return float(values.min()), float(values.max())
-
-    return tuple(
-        Region(
-            span(target.normal_force[here]),
-            span(target.slip_speed[here]),
-            mean(before, here),
-            mean(after, here),
-        )
-        for here in target.regions()
-    )
+    """Return the uncertainty before and after the runs in the thirds of ln force and ln speed."""
+    regions, number = [], []
+    for x in (np.log(target.normal_force), np.log(target.slip_speed)):
+        width = max(float(np.ptp(x)), 1.0e-12)
+        number.append(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)))
+    for force, speed in itertools.product(range(REGIONS), repeat=2):
+        here = (number[0] == force) & (number[1] == speed)
+        weight = target.weight[here]
+        if weight.sum() > 0.0:
+            f, v = target.normal_force[here], target.slip_speed[here]
+            regions.append(
+                Region(
+                    force=(float(f.min()), float(f.max())),
+                    speed=(float(v.min()), float(v.max())),
+                    before=float(np.sqrt(np.average(before[here], weights=weight))),
+                    after=float(np.sqrt(np.average(after[here], weights=weight))),
+                )
+            )
+    return tuple(regions)
 
 
 def _statements(

@@ -37,13 +37,7 @@ from beltid.refine.posterior import (
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.rig_runs import (
-    Campaign,
-    RigRuns,
-    input_slopes,
-    mesh_of,
-    residual_changes,
-)
+from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, mesh_of, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -101,14 +95,11 @@ class RefinedSurface:
     """Covariance of the parameters by scatter from run to run and by what is smoothed away, (size,
     size)."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
-    posterior: Posterior
-    """The estimate: surface and effects, with the sizes of noise, scatter, curve, difference and
-    effects."""
+    fit: Fit
+    """End of the iteration: its posterior is the estimate of surface and effects, with the sizes of
+    noise, scatter, curve, difference and effects."""
     told: Posterior  # what the runs say of the errors that they share as well
-    weight: Array  # weight of the runs in the fit [-]: 1, less for outliers, (n,)
     iterations: int  # Gauss–Newton iterations
-    still_changing: float
-    """Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0."""
     misfit_before: Array
     """Simulated over measured coefficient minus one, with the initial and the refined surface,
     (n,)."""
@@ -120,7 +111,7 @@ class RefinedSurface:
     @property
     def sizes(self) -> Sizes:
         """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
-        return self.posterior.sizes
+        return self.fit.posterior.sizes
 
     @property
     def noise_scale(self) -> float:
@@ -131,8 +122,8 @@ class RefinedSurface:
     @property
     def effective_parameters(self) -> float:
         """Number of parameters that the data determine."""
-        X = self.posterior.model.X[:, 0]
-        return float(np.sum(self.runs.gain(self.posterior) * X.T))
+        X = self.fit.posterior.model.X[:, 0]
+        return float(np.sum(self.runs.gain(self.fit.posterior) * X.T))
 
     @property
     def uncertainty(self) -> SurfaceUncertainty:
@@ -144,7 +135,7 @@ class RefinedSurface:
             changes=self.curves.at_nodes(forces, self.changes),
             scatter=self.curves.at_nodes(forces, factor_of(self.scatter)),
             arcs_deg=self.campaign.measured.arcs_deg,
-            degrees_of_freedom=max(self.weight.size - self.effective_parameters, 1.0),
+            degrees_of_freedom=max(self.fit.weight.size - self.effective_parameters, 1.0),
         )
 
     def stated_errors(self) -> tuple[Array, Array]:
@@ -160,13 +151,13 @@ class RefinedSurface:
     def convergence_warnings(self) -> tuple[str, ...]:
         """Return a sentence for each iteration that did not converge."""
         sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
-        lines = () if self.posterior.converged else (sizes,)
-        if not self.still_changing:
+        lines = () if self.fit.posterior.converged else (sizes,)
+        if not self.fit.still_changing:
             return lines
         return (
             *lines,
             f"no convergence in {self.iterations} iterations: last change of mu "
-            f"{percent(100 * self.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
+            f"{percent(100 * self.fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
         )
 
     def effect(self, key: str) -> EstimatedEffect | None:
@@ -236,7 +227,7 @@ def refine_surface(
         share = runs.explained(of_runs, posterior.sizes)
         explained = float(np.average(share, weights=weight if np.any(weight) else None))
         estimated.append(EstimatedEffect(effect, values, explained))
-        shifted = shifted.with_columns(effect.key, of_runs)
+        shifted = replace(shifted, columns={**shifted.columns, effect.key: of_runs})
         added += effect_sources(effect.key, size, values.size)
         by_effect.append(size * of_runs)
     by_source = B @ gain[:q] @ np.hstack([changes, *by_effect])
@@ -256,11 +247,9 @@ def refine_surface(
         changes=by_source,
         scatter=scatter,
         runs=runs,
-        posterior=posterior,
+        fit=fit,
         told=told,
-        weight=fit.weight,
         iterations=first.iterations + fit.iterations,
-        still_changing=fit.still_changing,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
         effects=tuple(estimated),
@@ -331,10 +320,11 @@ class Fit:
     sweep: Sweep
     runs: LinearRuns
     posterior: Posterior
-    weight: Array
+    weight: Array  # of the runs: 1, less for outliers, (n,)
     log_mu_before: Array
     iterations: int
     still_changing: float = 0.0
+    """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +351,11 @@ class Problem:
         """Place knots and nodes where forces act with a surface."""
         acting = acting_forces(rig, start)
         lowest, low, high = acting[:, 0].min(), acting[:, 1].min(), acting[:, 2].max()
-        curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
+        # as many knots as nodes over the surface, and more down to the lowest force
+        bottom, first, last = np.log([lowest, low, high]).tolist()
+        inside, gap = np.linspace(first, last, KNOTS, retstep=True)
+        below = first - gap * np.arange(math.ceil((first - bottom) / gap), 0, -1)
+        curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         columns = {name: Z for name, Z in curves.coordinates().items() if Z.shape[1]}
         ends = np.cumsum([0, *(Z.shape[1] for Z in columns.values())]).tolist()
         places = zip(columns, ends[:-1], ends[1:], strict=True)
@@ -480,13 +474,6 @@ def _weights(misfit: Array) -> Array:
     """Compute weights that are smaller for outliers, judged by the median misfit."""
     scale = max(1.4826 * float(np.median(np.abs(misfit))), LEAST_SCALE)
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
-
-
-def _knots(lowest: float, low: float, high: float) -> Array:
-    """Place knots in ln f: as many as nodes over the surface, and more down to the lowest force."""
-    inside, gap = np.linspace(low, high, KNOTS, retstep=True)
-    below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
-    return np.concatenate([below, inside])
 
 
 TOGETHER: Final = "together"

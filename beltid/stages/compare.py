@@ -23,13 +23,7 @@ from beltid.stages.friction import reduce_rig, reduction_columns, simulated_reco
 from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import with_tensions
 from beltid.store.artifact import Artifact
-from beltid.uncertainty.simulated import (
-    RunsUncertainty,
-    dominant,
-    runs_uncertainty_of,
-    validated,
-    within_words,
-)
+from beltid.uncertainty.simulated import RunsUncertainty, dominant, runs_uncertainty_of, validated
 
 NEEDED: Final = (
     *("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s"),
@@ -103,7 +97,7 @@ def agreement(
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": within_words(found),
+            "within_two_u_validation": f"{found['within_2u']} of {found['n']} runs",
             "rms_over_u_validation": found["rms_e_over_u"],
             "u_validation_mostly_from": dominant(budget),
             "validation": found,

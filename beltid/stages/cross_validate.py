@@ -13,16 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import InputError
-from beltid.identify.agreement import (
-    FEWEST,
-    AgreementResult,
-    Fold,
-    HoldOut,
-    Statistics,
-    between_speeds,
-    folds,
-)
+from beltid.identify.agreement import AgreementResult, Fold, Statistics, between_speeds, folds
 from beltid.notes import log
 from beltid.refine.inverse import refine_surface
 from beltid.refine.posterior import SPEED_BEND
@@ -40,14 +31,11 @@ from beltid.stages.refine import (
 )
 from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import PressLaw, measured_runs, numbered_arcs
-from beltid.uncertainty.simulated import (
-    RunsUncertainty,
-    simulated_uncertainty,
-)
+from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
 from beltid.uncertainty.sources import (
     ARC,
+    BETWEEN_SPEEDS,
     Source,
-    between_speeds_source,
     reduction_sources,
     with_rig_sources,
 )
@@ -74,8 +62,6 @@ def predicted_runs(
     friction: Any, law: Any, config: Config, by: str, workers: Workers
 ) -> Outcome[AgreementResult]:
     """Predict the runs of every arc or speed from the others, and compare them."""
-    if by not in FEWEST:
-        raise InputError(f"by = {by}, must be {' or '.join(FEWEST)}")
     columns = with_tensions(friction_columns(friction, HELD_OUT), config)
     log.info("every %s left out once and predicted", by)
     press = press_law(law, config)
@@ -111,7 +97,7 @@ def predicted_runs(
     )
 
 
-def _notes(predicted: Sequence[Predicted], by: HoldOut) -> Iterator[str]:
+def _notes(predicted: Sequence[Predicted], by: str) -> Iterator[str]:
     yield f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
     if by == "speed":
         yield "predicted between speeds: the lowest and the highest were never left out"
@@ -154,7 +140,7 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
         part = replace(
             part,
-            sources=(*sources, between_speeds_source(int(fold.left_out[0]))),
+            sources=(*sources, replace(BETWEEN_SPEEDS, place=int(fold.left_out[0]))),
             simulated=np.hstack([part.simulated, missed]),
             difference=np.hstack([part.difference, missed]),
         )

@@ -38,14 +38,7 @@ from beltid.uncertainty.drive import (
     without_bending,
 )
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import (
-    BENDING_SOURCE,
-    SLOWER_SOURCE,
-    Scatter,
-    Source,
-    budget,
-    drive_sources,
-)
+from beltid.uncertainty.sources import BENDING, SLOWER, Scatter, Source, budget, drive_sources
 
 SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
@@ -177,11 +170,11 @@ def _uncertainty(
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
     uncertainty = drive_uncertainty(drive, points, results, press, sources)
     if config.drive.method == "string":
-        sources = (*sources, BENDING_SOURCE)
+        sources = (*sources, BENDING)
         uncertainty = uncertainty.with_source(without_bending(results))
     slower_friction = change_by_slower_friction(drive, points, results)
     if slower_friction.any():
-        sources = (*sources, SLOWER_SOURCE)
+        sources = (*sources, SLOWER)
         uncertainty = uncertainty.with_source(slower_friction)
     return uncertainty, sources
 

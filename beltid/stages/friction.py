@@ -16,15 +16,7 @@ from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
-from beltid.identify.friction.run import (
-    PERFECT,
-    SPANS,
-    TOUCH_DEG,
-    KnownCell,
-    RigKind,
-    RunRecord,
-    run_records,
-)
+from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
 from beltid.laws.capstan import STRAIGHT, Spans
 from beltid.stage import Outcome
 from beltid.stages.columns import at, columns_from, listed, span
@@ -38,6 +30,7 @@ HELD: Final = 0.005
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
+TOUCH_DEG: Final = 360.0  # arc beyond which the turns of the belt may touch each other
 TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"

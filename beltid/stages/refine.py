@@ -318,8 +318,8 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
             "uncertainty is wrong, or the simulated rig does not describe this bench"
         )
-    for k in np.flatnonzero(found.weight < 0.5):
-        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
+    for k in np.flatnonzero(found.fit.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
 
 
 def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ from beltid.uncertainty.sources import (
     Scatter,
     Source,
     StandardUncertainties,
+    SurfaceUncertainty,
     budget,
     changes_by,
     combined,
@@ -162,10 +163,6 @@ class Measured:
         """Settings of the runs."""
         settings = np.column_stack([self.beta, self.T_0, self.omega])
         return [OperatingPoint(*row) for row in settings.tolist()]
-
-    def with_columns(self, key: str, columns: Array) -> Self:
-        """Return the runs with the change of ln mu (n, places) per unit of one more error."""
-        return replace(self, columns={**self.columns, key: columns})
 
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
@@ -411,7 +408,27 @@ def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequenc
     return changes_by(sources, repeated)
 
 
-COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
+def published_uncertainty(
+    measured: Measured, nominal: SurfaceGrid, given: StandardUncertainties
+) -> SurfaceUncertainty:
+    """Propagate the errors to the published surface; the bias by bending is not included."""
+    sources = sources_of_runs(measured, given)
+    return SurfaceUncertainty(
+        surface=nominal.to_surface(),
+        sources=sources,
+        changes=published_changes(measured, nominal, sources),
+        scatter=nominal.scatter,
+        arcs_deg=measured.arcs_deg,
+    )
+
+
+def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[Source, ...]:
+    """Return the errors of the bench, and of the reduction, that runs share."""
+    bent = measured.kind.spans.EI > 0.0
+    bench = rig_sources(given, int(measured.arc.max()) + 1, bent=bent)
+    return (*bench, *reduction_sources(measured.columns))
+
+
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
@@ -441,24 +458,21 @@ def friction_uncertainty(
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    found = {key: np.full(len(columns["status"]), np.nan) for key in ("mu", "force")}
+    u_mu, u_force = np.full((2, len(columns["status"])), np.nan)
     lines: list[dict[str, Any]] = []
     if rows.size:  # a table may state coefficients without an arc
         measured = measured_runs(columns, rows, R, kind)
-        bench = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
-        sources = (*bench, *reduction_sources(measured.columns))
-        mu, force = (
-            changes_by(sources, lambda e: measured.corrected(e).mu) / measured.mu[:, None],
-            changes_by(sources, lambda e: measured.corrected(e).normal_force)
-            / measured.normal_force[:, None],
-        )
+        sources = sources_of_runs(measured, given)
+        mu = changes_by(sources, lambda e: measured.corrected(e).mu) / measured.mu[:, None]
+        force = changes_by(sources, lambda e: measured.corrected(e).normal_force)
+        force = force / measured.normal_force[:, None]
         scatter, none = measured.mu_se / measured.mu, np.zeros(rows.size)
-        found["mu"][rows] = measured.mu * combined(mu, scatter)
-        found["force"][rows] = measured.normal_force * combined(force, none)
+        u_mu[rows] = measured.mu * combined(mu, scatter)
+        u_force[rows] = measured.normal_force * combined(force, none)
         words = "scatter of the samples"
         lines = budget("mu_sliding", sources, mu, Scatter(words, scatter))
         lines += budget("normal_force_N_m", sources, force, Scatter(words, none))
-    return {"mu_sliding_u": found["mu"], "normal_force_u_N_m": found["force"]}, lines
+    return {"mu_sliding_u": u_mu, "normal_force_u_N_m": u_force}, lines
 
 
 def stiffness_uncertainty(
@@ -493,7 +507,7 @@ def stiffness_uncertainty(
         u[i] = size * combined(changes, scatter)
         freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
         if law is laws[-1]:
-            for j, name in enumerate(COEFFICIENTS):
+            for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):
                 part = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
                 rows += budget(name, sources, changes[j : j + 1], part)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

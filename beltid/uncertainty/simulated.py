@@ -370,11 +370,6 @@ def validated(
     return replace(result, u_validation=parts.u_validation), parts
 
 
-def within_words(validation: Mapping[str, Any]) -> str:
-    """Return the number of runs whose difference is within its uncertainty, in words."""
-    return f"{validation['within_2u']} of {validation['n']} runs"
-
-
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the largest contributions, in words."""
     parts = [

@@ -100,7 +100,6 @@ EFFECT_SOURCES: Final = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and name of effects that shift the friction in addition to the surface."""
-BETWEEN_SPEEDS: Final = "between_speeds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,17 +213,14 @@ def drive_sources(
     return (*_stated(u, DRIVE, counts), *press_sources(u, law_scatter))
 
 
-BENDING_SOURCE: Final = Source("string without bending stiffness", "without_bending")
+BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
+"""Source for friction interpolated to a speed that was left out, of unit size."""
+BENDING: Final = Source("string without bending stiffness", "without_bending")
 """Source for the bending stiffness that a string has not, of unit size."""
-SLOWER_SOURCE: Final = Source(
+SLOWER: Final = Source(
     "friction slower than the slowest measured sliding", "slower_friction", basis=ASSUMED
 )
 """Source for friction at sliding speeds below those measured, of unit size."""
-
-
-def between_speeds_source(place: int) -> Source:
-    """Return the source for friction interpolated to a speed that was left out, of unit size."""
-    return Source("interpolation between the speeds", BETWEEN_SPEEDS, place)
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:

@@ -15,11 +15,7 @@ from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.uncertainty.drive import (
-    change_by_slower_friction,
-    drive_uncertainty,
-    without_bending,
-)
+from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty, without_bending
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source
 

@@ -33,9 +33,5 @@ def test_a_surface_without_standard_errors_is_a_surface() -> None:
 
 def test_labels_of_runs_are_texts_whatever_they_were() -> None:
     labels = np.array([3.0, 2.5, "R1", float("nan")], dtype=object)
-    assert [record.result.run for record in run_records(rig(labels), 0.05)] == [
-        "3",
-        "2.5",
-        "R1",
-        "",
-    ]
+    found = [record.result.run for record in run_records(rig(labels), 0.05)]
+    assert found == ["3", "2.5", "R1", ""]

@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from beltid.identify.friction.reduction import RunReduction, reduce_records
-from beltid.identify.friction.run import TWO_CELLS, RigKind, run_records
+from beltid.identify.friction.reduction import reduce_records
+from beltid.identify.friction.run import TWO_CELLS, run_records
 
 
-def reduce_runs(columns, R: float, kind: RigKind = TWO_CELLS) -> tuple[RunReduction, ...]:
-    """All runs of a recording."""
+def reduce_runs(columns, R, kind=TWO_CELLS):
     return reduce_records(run_records(columns, R, kind), R)
 
 

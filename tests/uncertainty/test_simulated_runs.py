@@ -106,9 +106,7 @@ def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
     np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
 
 
-def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(
-    plain: RunsUncertainty,
-) -> None:
+def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: RunsUncertainty) -> None:
     surface, step = scaled(1.0), 1e-3
     for i, point in enumerate(POINTS):
         for k, name in enumerate(("T_0", "omega")):

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.friction.prepare import SlidingRecord
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size, root
 
 Array = NDArray[np.float64]
 
@@ -269,8 +269,9 @@ class BenchFit:
         p, bench = self.posterior, self.bench
         places = p.model.places
         drifts = slice(places["zeros"].start, places["drift"].stop)
-        error = -p.level_shift @ p.factor
-        drift = -p.level_shift[:, drifts] @ p.factor[drifts]
+        factor = root(p.covariance)
+        error = -p.level_shift @ factor
+        drift = -p.level_shift[:, drifts] @ factor[drifts]
         # one column stands for all directions: its sign is that of the correlation with the mean
         size = np.linalg.norm(error, axis=1)
         share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)

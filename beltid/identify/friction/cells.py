@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.run import RunReduction
-from beltid.mixed import Mixed, Own, Shared, Size
+from beltid.mixed import Mixed, Own, Shared, Size, root
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def cell_errors(
         slopes[:, 1] += d
     # the common error of both zeros has the size of their difference
     zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
-    columns = np.column_stack([slopes @ posterior.factor, q_common * zero_size])
+    columns = np.column_stack([slopes @ root(posterior.covariance), q_common * zero_size])
     mean = d * (q * zeros + gain)
     sign = np.where(mean < 0.0, -1.0, 1.0)
     return CellErrors(

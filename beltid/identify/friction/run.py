@@ -50,8 +50,6 @@ TURNS = 0.03
 """Share of the largest speed above which the pulley counts as turning."""
 LEAST_SLIP = 1e-9
 """Ratio of sliding speed to belt speed below which the sliding is rounding error."""
-TOUCH_DEG = 360.0
-"""Arc beyond which the turns of the belt may touch each other [deg]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -209,16 +209,7 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
     below = np.flatnonzero(rising < level + max(6.0 * noise, 5e-3 * (top - level)))
     end = int(below[-1]) + 1 if below.size else 0
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
-    free = slice(0, max(3 * end // 4, 3))
-    in_contact = end < FEWEST_FREE or moved < 0.01 * spread(travel)
-    if not in_contact:  # unless the force rises here almost as fast as afterwards
-        progress = np.maximum.accumulate(travel[: rising.size])
-        stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
-        if stop - end >= 2:
-            parts = free, slice(end - 1, stop + 1)
-            slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in parts]
-            in_contact = slopes[0] > 0.3 * slopes[1]
-    if in_contact:
+    if end < FEWEST_FREE or moved < 0.01 * spread(travel):
         raise InputError(
             f"begins in contact: {end} samples before the force rises, must be at least "
             f"{FEWEST_FREE} over 1 % of the travel, or the zero of the load cell is not known: "
@@ -325,7 +316,7 @@ class PressCurve:
     position_m: Array  # common positions without machine compliance, shape (m,)
     middle_N_m: Array  # midway between the branches, shape (m,)
     turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
-    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; holds removed
+    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded
     fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
     touch_m: float  # position where the loading branch begins to carry force
     top_position_m: float  # largest position in the cycle
@@ -402,12 +393,10 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     """
     # stay five standard deviations off the ends, where noise decides which samples belong
     margin = 5.0 * test.position_noise_m
-    whole, branches = (
-        tuple(
-            BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-            for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
-        )
-        for parts in ((cycle.loading, cycle.unloading), _without_hold(test, cycle, margin))
+    parts = (cycle.loading, cycle.unloading)
+    branches = tuple(
+        BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
+        for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
@@ -428,7 +417,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         )
     edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, MOST_NODES)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
-    dissipated, stored = _loop_energies(whole)
+    dissipated, stored = _loop_energies(branches)
     return PressCurve(
         recorded=test,
         cycle=cycle.number,
@@ -438,26 +427,12 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         branches=branches,
         fitted=fitted,
         touch_m=_contact_begin(branches[0], threshold),
-        top_position_m=max(_steady_max(b.position_m) for b in whole),
-        top_force_N_m=max(_steady_max(b.force_N_m) for b in whole),
+        top_position_m=max(_steady_max(b.position_m) for b in branches),
+        top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
         zero_u_N_m=test.zero_u_N / segment_length_m,
     )
-
-
-def _without_hold(test: PressTest, cycle: PressCycle, margin: float) -> tuple[slice, slice]:
-    """Return both branches without a hold at the top, where the force relaxes."""
-    begin, stop = cycle.loading.start, cycle.unloading.stop
-    travel = test.travel_m[begin:stop]
-    # the crosshead creeps in a hold, but far less than it travels
-    near = max(margin, 2e-3 * float(np.ptp(travel)))
-    top = begin + np.flatnonzero(travel >= float(np.max(travel)) - near)
-    first, last = int(top[0]), int(top[-1]) + 1
-    usual = int(np.count_nonzero(travel[: first - begin] >= float(np.max(travel)) - 3.0 * near))
-    if last - first < max(MIN_BRANCH_SAMPLES, 4 * usual):
-        return cycle.loading, cycle.unloading
-    return slice(begin, first + 1), slice(last - 1, stop)
 
 
 def _steady_max(x: Array) -> float:

@@ -141,12 +141,6 @@ class Grid:
         """Contact arcs, ascending, (na,)."""
         return np.array([curve.arc_deg for curve in self.by_speed[0]])
 
-    def of_arc(self, number: int) -> Grid | None:
-        """Return the curves of one arc; None if its speeds have no range of forces in common."""
-        rows = [(row[number],) for row in self.by_speed]
-        force = _common_range(rows)
-        return None if force is None else Grid(tuple(rows), force)
-
 
 def grid_of(points: Points) -> Grid | None:
     """Group points into curves at the common speed of their setting; None if they are no grid.
@@ -452,12 +446,13 @@ def build_surface(
     grid, grid_notes = grid_through(points, errors_known)
     notes += grid_notes
     arcs, curves = [], grid_of(points)
-    for number, arc in enumerate(() if curves is None else curves.arcs_deg):
-        alone = curves.of_arc(number) if curves is not None else None
-        if alone is None:
+    for of_speeds in () if curves is None else zip(*curves.by_speed, strict=True):
+        rows = tuple((curve,) for curve in of_speeds)
+        force, arc = _common_range(rows), of_speeds[0].arc_deg
+        if force is None:
             notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
         else:
-            arcs.append(average(alone, errors_known)[0])
+            arcs.append(average(Grid(rows, force), errors_known)[0])
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
     notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
