@@ -401,11 +401,9 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 
 def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source]) -> Array:
     """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
-
-    def repeated(errors: Errors) -> Array:
-        return changes_at_nodes(nominal, published_grid(measured.corrected(errors)))
-
-    return changes_by(sources, repeated)
+    return changes_by(
+        sources, lambda e: changes_at_nodes(nominal, published_grid(measured.corrected(e)))
+    )
 
 
 def published_uncertainty(

@@ -260,10 +260,7 @@ def _stated(u: StandardUncertainties, result: str, counts: Mapping[str, int]) ->
     )
 
 
-TOGETHER = "all together"
-EACH = "each run"
 COMBINED = "combined"
-QUANTITY = "surface"
 LEAST_PERCENT = 1.0e-6
 
 
@@ -326,13 +323,13 @@ def budget(
         if first[name].basis != FITTED:
             known |= {"standard_uncertainty": first[name].shown, "unit": first[name].unit}
         part = np.sum(np.square(changes[:, columns]), axis=1)
-        shared.append(row(name, TOGETHER, part, **known))
+        shared.append(row(name, "all together", part, **known))
     shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
     shared.sort(key=lambda entry: -entry["contribution_percent"])
     each = [
         row(
             part.name,
-            EACH,
+            "each run",
             np.square(part.relative),
             basis=FITTED,
             degrees_of_freedom=part.degrees_of_freedom,
@@ -419,5 +416,5 @@ class SurfaceUncertainty:
                 "arcs_deg": self.arcs_deg,
                 "budget_force_N_m": [low, high],
             },
-            "budget": budget(QUANTITY, self.sources, changes, part),
+            "budget": budget("surface", self.sources, changes, part),
         }

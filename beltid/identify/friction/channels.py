@@ -340,7 +340,15 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     if n - first < 8:
         raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
     if channels.kind.weight is None:
-        _require_answer(tensions[:first], tensions[first + (n - first) // 2 :])
+        # both ends are fixed: both tensions change
+        rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
+        change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
+        k = int(np.argmin(change))
+        if change[k] < LEAST_ANSWER * change[1 - k] and change[1 - k] > 0.2 * np.median(rest):
+            raise RunRejected(
+                f"tension_{SPANS[k]}_N is dead: it changes by {change[k]:.3g} N while the other "
+                f"cell changes by {change[1 - k]:.3g} N"
+            )
     # halve the time, not the samples: a simulated recording has most of them in the build-up
     middle = 0.5 * float(t[first] + t[-1])
     settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
@@ -366,17 +374,6 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     angle = np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
     temperature = np.interp(t, channels.time_s, channels.temperature)
     return SlidingPhase(t, tensions, angle - angle[first], temperature, first, built, slide)
-
-
-def _require_answer(rest: Array, sliding: Array) -> None:
-    """Reject a cell that does not respond: both ends are fixed, so both tensions change."""
-    change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
-    k = int(np.argmin(change))
-    if change[k] < LEAST_ANSWER * change[1 - k] and change[1 - k] > 0.2 * np.median(rest):
-        raise RunRejected(
-            f"tension_{SPANS[k]}_N is dead: it changes by {change[k]:.3g} N while the other cell "
-            f"changes by {change[1 - k]:.3g} N"
-        )
 
 
 MIN_SAMPLES = 3

@@ -295,12 +295,9 @@ MOST_NODES = 40  # per curve
 TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 
 
-NAMES = ("loading", "unloading")
-
-
 @dataclass(frozen=True, slots=True)
 class BranchSamples:
-    """Samples of one branch, one of `NAMES`: positions [m], line forces [N/m], (n,)."""
+    """Samples of one branch, "loading" or "unloading": positions [m], line forces [N/m], (n,)."""
 
     name: str
     position_m: Array
@@ -396,7 +393,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     parts = (cycle.loading, cycle.unloading)
     branches = tuple(
         BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-        for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
+        for name, part in zip(("loading", "unloading")[: 1 + cycle.complete], parts, strict=False)
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
