@@ -13,7 +13,7 @@ of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_e
 :class:`Own`        columns Z, or a covariance K, of every group by itself; noise is one of them
 :class:`Size`       log-normal prior of a standard deviation s; of no width: a known one
 :class:`Mixed`      data and terms; its `fit` finds the sizes, its `at` takes them as given
-:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence
+:class:`Posterior`  mean and covariance of the coefficients, levels, evidence
 :func:`relinearised` the same where the data depend on the coefficients in a nonlinear way
 =================== ==============================================================================
 
@@ -118,11 +118,6 @@ class Posterior:
         """Return mean and covariance of the coefficients of a term."""
         place = self.model.places[name]
         return self.mean[place], self.covariance[place, place]
-
-    @property
-    def factor(self) -> Array:
-        """Columns F with C = F F', of one sign for all coefficients: errors they share, (k, k)."""
-        return root(self.covariance)
 
 
 def root(C: Array) -> Array:

@@ -25,22 +25,19 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
 from virtual_bench import USUAL_CLASS
 
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind
+from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.plan.advice import Plan, choose_plan
+from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
 from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
 from beltid.plan.knowledge import knowledge_at, sources_of_plan
-from beltid.plan.session import schedule
-from beltid.plan.target import Target, surface_target
-from beltid.refine.effects import BEFORE
 from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import BEFORE
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import ARC, StandardUncertainties, all_sources
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares, minimize_scalar
 from scipy.stats import multivariate_normal
 
 from beltid.errors import NumericsError
-from beltid.mixed import Mixed, Own, Shared, Size, relinearised
+from beltid.mixed import Mixed, Own, Shared, Size, relinearised, root
 
 RNG = np.random.default_rng(3)
 R, M = 5, 7
@@ -36,10 +36,10 @@ def test_known_sizes_give_generalised_least_squares() -> None:
     np.testing.assert_allclose(found.mean, p[:2], rtol=1e-10)
     np.testing.assert_allclose(found.level, p[2:], rtol=1e-10)
     np.testing.assert_allclose(found.covariance, C[:2, :2], rtol=1e-10)
-    columns = -found.level_shift @ found.factor
+    columns = -found.level_shift @ root(found.covariance)
     levels = np.diag(found.level_variance) + columns @ columns.T
     np.testing.assert_allclose(levels, C[2:, 2:], rtol=1e-9, atol=1e-14)
-    np.testing.assert_allclose(columns @ found.factor.T, C[2:, :2], rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(columns @ root(found.covariance).T, C[2:, :2], rtol=1e-9, atol=1e-14)
 
 
 def test_an_effect_is_the_same_as_columns_and_as_covariance() -> None:

@@ -1,17 +1,132 @@
-"""Gain from the next runs, uncertainty that remains after them, and whether to stop."""
+"""Choose runs for a target, judge whether to stop, and put the runs in order.
+
+Runs of one arc follow each other: few arc changes. Within an arc the runs of a repeated setting are
+spread evenly from the first to the last position, so that they show a drift. The others fill the
+gaps: up through every other setting and down through the remaining ones, so that a drift over time
+does not look like a trend over the tension.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltid.plan.candidates import in_both_directions
-from beltid.plan.design import Knowledge, Need, RunRows, choose_runs, needed_for
-from beltid.plan.target import Target
+from beltid.plan.knowledge import (
+    SAME_SPEED,
+    Knowledge,
+    Need,
+    RunRows,
+    choose_runs,
+    less,
+    needed_for,
+)
+from beltid.refine.posterior import Curves
 from beltid.uncertainty.sources import FITTED, Source
+
+Array = NDArray[np.float64]
+
+PLACES: Final = 30  # forces at each speed
+REGIONS: Final = 3  # along each axis
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Points at which ln mu must be known, arrays (q,)."""
+
+    normal_force: Array  # line forces [N/m] and sliding speeds [m/s]
+    slip_speed: Array
+    weight: Array  # weights of the points; their sum is one
+    rows: Array  # ln mu at the points per parameter of the surface, (q, size)
+
+    @property
+    def W(self) -> Array:
+        """Weights of the parameters (size, size): ``p' W p`` is the mean square of ln mu."""
+        return np.asarray(self.rows.T @ (self.weight[:, None] * self.rows))
+
+    def variances(self, knowledge: Knowledge) -> Array:
+        """Return the variance of ln mu at the points (q,)."""
+        scatter = np.einsum("qp,pr,qr->q", self.rows, knowledge.scatter, self.rows)
+        return np.asarray(scatter + np.sum(np.square(self.rows @ knowledge.changes), axis=1))
+
+
+def surface_target(
+    curves: Curves, force: tuple[float, float], speed: tuple[float, float]
+) -> Target:
+    """Weigh a range of forces [N/m] and speeds [m/s] uniformly in ln f and ln v.
+
+    The speeds are those of the curves within the range, each weighted by half of its gaps to the
+    next ones; a curve just outside an end of the range, by up to `SAME_SPEED`, counts too.
+    """
+    low, high = np.log(speed)
+    inside = (curves.log_speed >= low - SAME_SPEED) & (curves.log_speed <= high + SAME_SPEED)
+    v = np.exp(curves.log_speed[inside])
+    f = np.geomspace(*force, PLACES)
+    gaps = np.diff(np.log(v))
+    share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
+    weight = np.repeat(share / share.sum() / PLACES, PLACES)
+    rows = np.kron(np.eye(inside.size)[inside], curves.basis(np.log(f)))
+    return Target(np.tile(f, v.size), np.repeat(v, PLACES), weight, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduledRun:
+    """A run at its position in the session."""
+
+    run: int  # number of the candidate
+    repeat: int  # count of this run among the runs at its setting, from 1, and their number
+    repeats: int
+    start_minutes: float  # minutes from the start of the session
+
+
+def schedule(
+    chosen: Sequence[int],
+    settings: Sequence[tuple[float, float, float]],
+    minutes_per_run: float,
+    minutes_per_arc_change: float,
+) -> list[ScheduledRun]:
+    """Put chosen runs in order, with ascending arcs.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        The runs, listed once per repetition.
+    settings : sequence of tuple of float
+        Arc, initial tension and speed of every candidate.
+    minutes_per_run, minutes_per_arc_change : float
+        Durations [min]; the arc of the first run is already set.
+    """
+    ordered: list[ScheduledRun] = []
+    clock = 0.0
+    for arc in sorted({settings[i][0] for i in chosen}):
+        clock += minutes_per_arc_change if ordered else 0.0
+        on_arc = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
+        seen = dict.fromkeys(on_arc, 0)
+        for i in _spread({i: chosen.count(i) for i in on_arc}):
+            seen[i] += 1
+            ordered.append(ScheduledRun(i, seen[i], chosen.count(i), clock))
+            clock += minutes_per_run
+    return ordered
+
+
+def _spread(counts: dict[int, int]) -> list[int]:
+    """Order the runs of one arc, given the number of runs per setting in ascending order."""
+    places = list(range(sum(counts.values())))
+    last = places[-1]
+    at: dict[int, int] = {}
+    for i, count in sorted(counts.items(), key=lambda item: -item[1]):
+        for k in range(count if count > 1 else 0):
+            wanted = last * k / (count - 1)
+            at[places.pop(min(range(len(places)), key=lambda p: abs(places[p] - wanted)))] = i
+    single = [i for i, count in counts.items() if count == 1]
+    at.update(zip(places, single[::2] + single[1::2][::-1], strict=True))
+    return [at[place] for place in sorted(at)]
+
 
 WORTH = 0.1  # share of the uncertainty that runs must remove to be worth their time
 LOOK_AHEAD = 24  # number of runs used to judge whether more runs can help at all
@@ -122,12 +237,19 @@ def _planned(
 
     def without(rows: Sequence[int]) -> dict[int, float]:
         """Return the variance without each of some runs, by their number."""
-        return {i: left(_less(rows, i)) for i in sorted(set(rows))}
+        return {i: left(less(rows, i)) for i in sorted(set(rows))}
 
     stop: Stop | None = "goal reached" if now <= goal**2 else None
     chosen: list[int] = []
     if stop is None:
-        chosen = _without_harmful(choose_runs(before, runs, W, count), runs, count, left, without)
+        chosen = choose_runs(before, runs, W, count)
+        while chosen:  # drop runs whose shared errors make the surface worse, but no needed ones
+            needed = needed_for(runs, chosen, count)
+            free = {i: variance for i, variance in without(chosen).items() if i not in needed}
+            worst = min(free, key=free.__getitem__, default=None)
+            if worst is None or free[worst] >= left(chosen):
+                break
+            chosen = less(chosen, worst)
         worthwhile = now * (1.0 - WORTH) ** 2
         if left(chosen) <= goal**2:
             fewer = 0  # by bisection
@@ -159,49 +281,26 @@ def _planned(
     )
 
 
-def _less(rows: Sequence[int], i: int) -> list[int]:
-    """Return the runs with one of them listed once less."""
-    others = list(rows)
-    others.remove(i)
-    return others
-
-
-def _without_harmful(
-    chosen: list[int],
-    runs: RunRows,
-    count: int,
-    left: Callable[[Sequence[int]], float],
-    without: Callable[[Sequence[int]], dict[int, float]],
-) -> list[int]:
-    """Drop the runs whose shared errors make the surface worse, but those the plan must contain."""
-    while chosen:
-        needed = needed_for(runs, chosen, count)
-        free = {i: variance for i, variance in without(chosen).items() if i not in needed}
-        worst = min(free, key=free.__getitem__, default=None)
-        if worst is None or free[worst] >= left(chosen):
-            break
-        chosen = _less(chosen, worst)
-    return chosen
-
-
 def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Region, ...]:
-    """Return the uncertainty in every region, before and after the runs."""
-
-    def mean(variance: np.ndarray, here: np.ndarray) -> float:
-        return float(np.sqrt(np.average(variance[here], weights=target.weight[here])))
-
-    def span(values: np.ndarray) -> tuple[float, float]:
-        return float(values.min()), float(values.max())
-
-    return tuple(
-        Region(
-            span(target.normal_force[here]),
-            span(target.slip_speed[here]),
-            mean(before, here),
-            mean(after, here),
-        )
-        for here in target.regions()
-    )
+    """Return the uncertainty before and after the runs in the thirds of ln force and ln speed."""
+    regions, number = [], []
+    for x in (np.log(target.normal_force), np.log(target.slip_speed)):
+        width = max(float(np.ptp(x)), 1.0e-12)
+        number.append(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)))
+    for force, speed in itertools.product(range(REGIONS), repeat=2):
+        here = (number[0] == force) & (number[1] == speed)
+        weight = target.weight[here]
+        if weight.sum() > 0.0:
+            f, v = target.normal_force[here], target.slip_speed[here]
+            regions.append(
+                Region(
+                    force=(float(f.min()), float(f.max())),
+                    speed=(float(v.min()), float(v.max())),
+                    before=float(np.sqrt(np.average(before[here], weights=weight))),
+                    after=float(np.sqrt(np.average(after[here], weights=weight))),
+                )
+            )
+    return tuple(regions)
 
 
 def _statements(

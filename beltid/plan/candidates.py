@@ -24,16 +24,14 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind
+from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.plan.design import RunRows
-from beltid.plan.knowledge import knots_for, speeds_for, usual_surface
-from beltid.refine.curves import Curves
+from beltid.plan.knowledge import RunRows, knots_for, speeds_for, usual_surface
 from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
+from beltid.refine.posterior import Curves
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured, numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
 from beltid.uncertainty.rig_runs import (
     MESH,
     Campaign,

@@ -14,6 +14,7 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,19 +26,29 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
-from beltid.refine.curves import Curves
-from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
-from beltid.refine.posterior import SHARED_ERRORS, LinearRuns, Sizes
-from beltid.uncertainty.budget import SurfaceUncertainty, factor_of
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.rig_runs import (
-    Campaign,
-    RigRuns,
-    input_slopes,
-    mesh_of,
-    residual_changes,
+from beltid.refine.posterior import (
+    SCATTER,
+    SHARED_ERRORS,
+    Curves,
+    Effect,
+    EstimatedEffect,
+    LinearRuns,
+    Sizes,
+    campaign_effects,
 )
-from beltid.uncertainty.sources import FITTED, Source, effect_sources
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, mesh_of, residual_changes
+from beltid.uncertainty.sources import (
+    ARC,
+    COURSE,
+    FITTED,
+    ORDER,
+    TEMPERATURE,
+    Source,
+    SurfaceUncertainty,
+    effect_sources,
+    factor_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -87,14 +98,11 @@ class RefinedSurface:
     """Covariance of the parameters by scatter from run to run and by what is smoothed away, (size,
     size)."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
-    posterior: Posterior
-    """The estimate: surface and effects, with the sizes of noise, scatter, curve, difference and
-    effects."""
+    fit: Fit
+    """End of the iteration: its posterior is the estimate of surface and effects, with the sizes of
+    noise, scatter, curve, difference and effects."""
     told: Posterior  # what the runs say of the errors that they share as well
-    weight: Array  # weight of the runs in the fit [-]: 1, less for outliers, (n,)
     iterations: int  # Gauss–Newton iterations
-    still_changing: float
-    """Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0."""
     misfit_before: Array
     """Simulated over measured coefficient minus one, with the initial and the refined surface,
     (n,)."""
@@ -106,7 +114,7 @@ class RefinedSurface:
     @property
     def sizes(self) -> Sizes:
         """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
-        return self.posterior.sizes
+        return self.fit.posterior.sizes
 
     @property
     def noise_scale(self) -> float:
@@ -117,8 +125,8 @@ class RefinedSurface:
     @property
     def effective_parameters(self) -> float:
         """Number of parameters that the data determine."""
-        X = self.posterior.model.X[:, 0]
-        return float(np.sum(self.runs.gain(self.posterior) * X.T))
+        X = self.fit.posterior.model.X[:, 0]
+        return float(np.sum(self.runs.gain(self.fit.posterior) * X.T))
 
     @property
     def uncertainty(self) -> SurfaceUncertainty:
@@ -130,7 +138,7 @@ class RefinedSurface:
             changes=self.curves.at_nodes(forces, self.changes),
             scatter=self.curves.at_nodes(forces, factor_of(self.scatter)),
             arcs_deg=self.campaign.measured.arcs_deg,
-            degrees_of_freedom=max(self.weight.size - self.effective_parameters, 1.0),
+            degrees_of_freedom=max(self.fit.weight.size - self.effective_parameters, 1.0),
         )
 
     def stated_errors(self) -> tuple[Array, Array]:
@@ -146,13 +154,13 @@ class RefinedSurface:
     def convergence_warnings(self) -> tuple[str, ...]:
         """Return a sentence for each iteration that did not converge."""
         sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
-        lines = () if self.posterior.converged else (sizes,)
-        if not self.still_changing:
+        lines = () if self.fit.posterior.converged else (sizes,)
+        if not self.fit.still_changing:
             return lines
         return (
             *lines,
             f"no convergence in {self.iterations} iterations: last change of mu "
-            f"{percent(100 * self.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
+            f"{percent(100 * self.fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
         )
 
     def effect(self, key: str) -> EstimatedEffect | None:
@@ -227,8 +235,8 @@ def refine_surface(
         weight = np.square(values) * np.mean(np.square(effect.columns), axis=0)
         share = runs.explained(of_runs, posterior.sizes)
         explained = float(np.average(share, weights=weight if np.any(weight) else None))
-        estimated.append(EstimatedEffect(effect, size, values, explained))
-        shifted = shifted.with_columns(effect.key, of_runs)
+        estimated.append(EstimatedEffect(effect, values, explained))
+        shifted = replace(shifted, columns={**shifted.columns, effect.key: of_runs})
         added += effect_sources(effect.key, size, values.size)
         by_effect.append(size * of_runs)
     by_source = B @ gain[:q] @ np.hstack([changes, *by_effect])
@@ -248,11 +256,9 @@ def refine_surface(
         changes=by_source,
         scatter=scatter,
         runs=runs,
-        posterior=posterior,
+        fit=fit,
         told=told,
-        weight=fit.weight,
         iterations=first.iterations + fit.iterations,
-        still_changing=fit.still_changing,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
         effects=tuple(estimated),
@@ -323,10 +329,11 @@ class Fit:
     sweep: Sweep
     runs: LinearRuns
     posterior: Posterior
-    weight: Array
+    weight: Array  # of the runs: 1, less for outliers, (n,)
     log_mu_before: Array
     iterations: int
     still_changing: float = 0.0
+    """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,7 +360,11 @@ class Problem:
         """Place knots and nodes where forces act with a surface."""
         acting = acting_forces(rig, start)
         lowest, low, high = acting[:, 0].min(), acting[:, 1].min(), acting[:, 2].max()
-        curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
+        # as many knots as nodes over the surface, and more down to the lowest force
+        bottom, first, last = np.log([lowest, low, high]).tolist()
+        inside, gap = np.linspace(first, last, KNOTS, retstep=True)
+        below = first - gap * np.arange(math.ceil((first - bottom) / gap), 0, -1)
+        curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         columns = {name: Z for name, Z in curves.coordinates().items() if Z.shape[1]}
         ends = np.cumsum([0, *(Z.shape[1] for Z in columns.values())]).tolist()
         places = zip(columns, ends[:-1], ends[1:], strict=True)
@@ -472,8 +483,108 @@ def _weights(misfit: Array) -> Array:
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
-def _knots(lowest: float, low: float, high: float) -> Array:
-    """Place knots in ln f: as many as nodes over the surface, and more down to the lowest force."""
-    inside, gap = np.linspace(low, high, KNOTS, retstep=True)
-    below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
-    return np.concatenate([below, inside])
+TOGETHER: Final = "together"
+CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
+CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
+LEAST_EVIDENCE: Final = math.log(20.0)
+"""Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShownEffect:
+    """An effect of the campaign and its size for the reader."""
+
+    key: str
+    """Key of the effect; "scatter" for the friction from run to run, "together" for the change over
+    the campaign by run order and temperature if the runs cannot separate the two."""
+    size: float
+    """Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
+    by 10 K; in addition to the steady change (root mean square); or the standard deviation of the
+    scatter."""
+    uncertainty: float  # standard uncertainty of the size; nan for the scatter
+    arcs_deg: tuple[float, ...] = ()
+    """The arcs with the lower and the higher friction [deg]; empty for other effects."""
+    explained: float = math.nan
+    """Share of the order, its course or the temperature that force and speed of the runs explain
+    [-]; nan for others."""
+    log_evidence: float = math.inf
+    """Logarithm of how much more probable the runs are with the effect than without it, when other
+    effects and stated errors may replace it; infinite if its size is too small to compute it."""
+
+    @property
+    def is_confounded(self) -> bool:
+        """Whether the runs cannot separate it from the surface."""
+        return self.explained > CONFOUNDED
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it far exceeds its uncertainty and the error of the simulated rig.
+
+        That error is similar in similar runs, so it looks like an effect. An effect that force and
+        speed explain may as well belong to the surface.
+        """
+        least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
+        return abs(self.size) > least and not self.is_confounded
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is large and nothing else explains the runs equally well."""
+        return self.is_large and self.log_evidence > LEAST_EVIDENCE
+
+
+def contradictions(found: RefinedSurface) -> dict[str, float]:
+    """Return errors that contradict their stated size: name -> standard uncertainties."""
+    sizes: dict[str, float] = {}
+    means, _ = found.stated_errors()
+    for source, size in zip(found.stated, np.abs(means).tolist(), strict=True):
+        if size > CLEAR:
+            sizes[source.name] = max(size, sizes.get(source.name, 0.0))
+    return sizes
+
+
+def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
+    """Return the effects that the runs can show, in a fixed order."""
+    values = np.concatenate([np.zeros(0), *(entry.values for entry in found.effects)])
+    covariance = found.effects_covariance
+    rows: dict[str, Array] = {}
+    first = 0
+    for entry in found.effects:
+        rows[entry.effect.key] = np.eye(values.size)[first : first + entry.values.size]
+        first += entry.values.size
+
+    def change(weights: Array) -> tuple[float, float]:
+        """Return a weighted sum of the numbers and its standard uncertainty."""
+        w = np.ravel(weights)
+        return float(w @ values), float(np.sqrt(w @ covariance @ w))
+
+    def weighed(effect: ShownEffect) -> ShownEffect:
+        """Add the share that the surface explains and, if it is large, the evidence for it."""
+        keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
+        entry = found.effect(ORDER if effect.key == TOGETHER else effect.key)
+        if entry is not None and effect.key != ARC:
+            effect = replace(effect, explained=entry.explained)
+        if effect.is_large:  # this takes a search
+            effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
+        return effect
+
+    shown = []
+    if ARC in rows:
+        arcs_deg, pairs = found.campaign.measured.arcs_deg, []
+        for low, high in itertools.permutations(range(len(arcs_deg)), 2):
+            between = tuple(arcs_deg[[low, high]].tolist())
+            pairs.append(ShownEffect(ARC, *change(rows[ARC][high] - rows[ARC][low]), between))
+        shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
+    shown += [weighed(ShownEffect(k, *change(rows[k]))) for k in (ORDER, TEMPERATURE) if k in rows]
+    columns = {entry.effect.key: entry.effect.columns for entry in found.effects}
+    if COURSE in rows:
+        of_runs = columns[COURSE] @ rows[COURSE]
+        size = np.sqrt(np.mean(np.square(of_runs @ values)))
+        variance = np.mean(np.einsum("nk,kl,nl->n", of_runs, covariance, of_runs))
+        shown.append(weighed(ShownEffect(COURSE, float(size), float(np.sqrt(variance)))))
+    if ORDER in rows and TEMPERATURE in rows:
+        # add the effect of the temperature's linear trend over the campaign
+        trend = np.polyfit(columns[ORDER][:, 0], columns[TEMPERATURE][:, 0], 1)[0]
+        both = weighed(ShownEffect(TOGETHER, *change(rows[ORDER] + trend * rows[TEMPERATURE])))
+        if both.is_clear and not any(e.is_clear for e in shown if e.key != ARC):
+            shown.append(both)
+    return (*shown, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))

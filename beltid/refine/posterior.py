@@ -1,17 +1,40 @@
-"""The runs of a campaign as a mixed model: sizes of smoothness, noise and effects; the estimate.
+"""The runs of a campaign as a mixed model: surface, effects and noise, their sizes, the estimate.
+
+The values p of ln mu at common knots in ln f_N, a natural cubic spline for each speed, are
+
+    p = B h,    B = (levels and slope, curve, difference),
+
+with a level for each speed and a slope that all share (free), a curve that all speeds share, and
+the differences in slope between speeds. With h ~ N(0, 1) the curve has a white second derivative
+over ln f_N of unit intensity, and the differences have a slope over ln f_N that is white in ln f_N
+and in ln v: the integrals of (d² ln mu / d(ln f)²)² and of (d² ln mu / d ln f d ln v)² are h' h.
+Beyond the knots the nearest value applies, as everywhere in the package. The runs follow
 
     y = X h + sum_e Z_e u_e + noise,    noise ~ N(0, s² e² + s_r² r²),
 
-y the measured less the simulated ln mu, about simulated runs; h the coordinates of the surface
-(:mod:`beltid.refine.curves`): levels and common slope are free, curve and difference are normal
-with a size each; Z_e the effects of the campaign (:mod:`beltid.refine.effects`) with a size each;
-e the standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of
-the friction from run to run. :mod:`beltid.mixed` finds the sizes; all of them have priors: where
-noise hides the curvature, the most probable surface without is too rigid. Two or three arcs
-determine the size of their differences poorly. It is the half-width of the interval that holds a
-difference with a probability of 68 %, over all sizes that the arcs leave possible: for arcs that
-differ by 0.02 to 3 %, intervals of 95 % then hold 71 to 100 % with two, 81 to 99 % with three and
-86 to 99 % with four; with the most probable size 65, 77 and 83 % at least.
+y the measured less the simulated ln mu, about simulated runs; level and slope are free, curve and
+difference are normal with a size each; Z_e the effects of the campaign with a size each; e the
+standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of the
+friction from run to run.
+:mod:`beltid.mixed` finds the sizes; all of them have priors: where noise hides the curvature, the
+most probable surface without is too rigid. An effect is a factor on the whole surface:
+
+- *Arcs*: one number for each setting, for a wear track or an incorrectly set arc.
+- *Run order*: run-in or wear. A steady change from the first run to the last, and its curvature:
+  with x from -1 to 1 over the campaign and the Legendre polynomials P_k,
+
+      u P_1(x)/2    and    sum_k u_k P_k(x)/k²,    k = 2, 3, 4.
+
+  Their means over the campaign are zero, so the surface is that of mid-campaign.
+- *Temperature*: theta (T - T_ref)/10 K, a straight line. T_ref is the mean of the runs, so that the
+  surface belongs to their temperature, or the temperature to which it is corrected. If the
+  temperature rises over the campaign, the runs cannot separate it from their order. A user who asks
+  for a correction states that temperature is the cause: the prior of the order is then small.
+
+Two or three arcs determine the size of their differences poorly. It is the half-width of the
+interval that holds a difference with a probability of 68 %, over all sizes that the arcs leave
+possible: for arcs that differ by 0.02 to 3 %, intervals of 95 % then hold 71 to 100 % with two, 81
+to 99 % with three and 86 to 99 % with four; with the most probable size 65, 77 and 83 % at least.
 
 Errors that the runs share are no part of the estimate: the surface would follow what the runs seem
 to show of them, and every trace of a model error would be taken for an error of the bench, enlarged
@@ -24,16 +47,174 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.polynomial import Legendre
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 
+from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Mixed, Own, Posterior, Shared, Size
-from beltid.refine.effects import Effect
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
 Array = NDArray[np.float64]
+
+FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
+SPEED_BEND = 0.1
+"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Splines of ln mu over ln f_N at common knots.
+
+    Parameters
+    ----------
+    log_force : ndarray, shape (k,)
+        Knots in ln f_N, f_N in [N/m].
+    log_speed : ndarray, shape (m,)
+        ln of the speeds, v in [m/s], increasing.
+    """
+
+    log_force: Array
+    log_speed: Array
+
+    @cached_property
+    def _cardinal(self) -> CubicSpline:
+        """Basis functions, computed once, as every simulated run needs them."""
+        return CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
+
+    def basis(self, log_force: Array) -> Array:
+        """Evaluate ln mu per unit of each knot value, shape (n, k); constant beyond the knots."""
+        inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
+        return np.asarray(self._cardinal(inside), dtype=float)
+
+    def by_speed(self, values: Array) -> Array:
+        """Reshape values at the knots, speed by speed, to (m, k, ...)."""
+        return np.asarray(
+            values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
+        )
+
+    def coordinates(self) -> dict[str, Array]:
+        """Return the columns of B by the name of their part; together they are square."""
+        k, m = self.log_force.size, self.log_speed.size
+        x = (self.log_force - self.log_force.mean())[:, None]
+        D = np.diff(np.eye(m), axis=0)
+        between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
+        return {
+            "level": np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
+            "curve": np.tile(_unit(self._integral(2)), (m, 1)),
+            "difference": np.kron(between, _unit(self._integral(1))),
+        }
+
+    def surfaces(self, values: Array) -> list[FrictionSurface]:
+        """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
+        log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
+        log_mu = self.by_speed(values) @ self.basis(log_force).T
+        return [
+            FrictionSurface(np.exp(log_force), [float(np.exp(v))], np.exp(row)[:, None])
+            for v, row in zip(self.log_speed, log_mu, strict=True)
+        ]
+
+    def at_nodes(self, forces: Array, vectors: Array) -> Array:
+        """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""
+        basis = self.basis(np.log(forces))
+        return np.asarray(np.einsum("fk,vks->fvs", basis, self.by_speed(vectors)))
+
+    def _integral(self, order: int) -> Array:
+        """Integrate products of the derivatives of the basis functions over ln f, (k, k)."""
+        x, w = np.polynomial.legendre.leggauss(3)
+        half = 0.5 * np.diff(self.log_force)[:, None]
+        points = self.log_force[:-1, None] + half * (1.0 + x)
+        values = np.asarray(self._cardinal(points.ravel(), order), dtype=float)
+        return np.asarray(values.T @ ((half * w).ravel()[:, None] * values))
+
+
+def _unit(precision: Array) -> Array:
+    """Return columns with unit normal coefficients for a singular inverse covariance."""
+    values, vectors = np.linalg.eigh(precision)
+    kept = values > 1e-9 * values[-1] if values[-1] > 0.0 else np.zeros(values.size, dtype=bool)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+BEFORE = {
+    ARC: Size(3.0e-3, 1.5, largest=0.3),
+    ORDER: Size(1.0e-2, 1.5, largest=0.3),
+    COURSE: Size(3.0e-3, 1.5, largest=0.3),
+    TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
+}
+"""Priors of the standard deviation of ln mu."""
+IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
+WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
+BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
+STEP_OF_TEMPERATURE = 10.0  # K
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """Numbers that shift ln mu of the runs."""
+
+    key: str  # name of the effect and of its source of uncertainty
+    columns: Array
+    """Change of ln mu of each run per unit of each number, by a factor on the surface, (n, K)."""
+    size: Size  # prior of the numbers' standard deviation, which the data determine
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedEffect:
+    """An effect as estimated from the data."""
+
+    effect: Effect  # the effect
+    values: Array  # its numbers, (K,)
+    explained: float
+    """Share of the effect that the surface can explain by force and speed of the runs [-]."""
+
+    @property
+    def largest_usual(self) -> float:
+        """Standard deviation of its numbers that 98 % of campaigns do not exceed."""
+        before = BEFORE[self.effect.key]
+        return float(before.median * np.exp(WIDTHS * before.width))
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether its numbers are larger than expected of such an effect."""
+        return float(np.sqrt(np.mean(np.square(self.values)))) > self.largest_usual
+
+
+def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
+    """List the effects that the runs of a campaign can show, as factors on the surface.
+
+    Parameters
+    ----------
+    measured : Measured
+        The runs with arc, position in the campaign and temperature; an unknown temperature is set
+        to the mean of the others.
+    reference_degC : float or None
+        Temperature to which the surface is corrected [°C]; None means that of the runs.
+    """
+    priors = BEFORE if reference_degC is None else {**BEFORE, **IF_CORRECTED}
+    n = measured.mu.size
+    order = np.arange(n) if measured.order is None else measured.order
+    T = np.full(n, np.nan) if measured.temperature_degC is None else measured.temperature_degC
+    columns = {}
+    if np.unique(measured.arc).size > 1:
+        columns[ARC] = np.eye(int(measured.arc.max()) + 1)[measured.arc]
+    if np.ptp(order) > 0.0:
+        x = 2.0 * (order - order.min()) / np.ptp(order) - 1.0
+        columns[ORDER] = 0.5 * x[:, None]
+        columns[COURSE] = np.column_stack([Legendre.basis(k)(x) / k**2 for k in BENDS])
+    known = np.isfinite(T)
+    if known.any():
+        mean = float(T[known].mean())
+        above = np.where(known, T, mean) - (mean if reference_degC is None else reference_degC)
+        columns[TEMPERATURE] = above[:, None] / STEP_OF_TEMPERATURE
+    return tuple(Effect(key, Z, priors[key]) for key, Z in columns.items() if np.any(Z))
+
+
 Sizes = Mapping[str, float]
 
 NOISE, SCATTER, SHARED_ERRORS = "noise", "scatter", "shared errors"

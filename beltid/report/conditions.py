@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import settings_of as numbered_settings
-from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.estimators import settings_of as numbered_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.report.cells import between
 from beltid.report.results import BeltResults, Sheet
 

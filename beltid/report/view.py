@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.report.cells import MISSING, between, cell
 from beltid.report.summary import Rows, Summary, rows_of
 from beltid.store.artifact import Artifact

@@ -15,7 +15,7 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import counted
-from beltid.identify.agreement.compare import AgreementResult, compare_points
+from beltid.identify.agreement import AgreementResult, compare_points
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.columns import span
@@ -23,8 +23,7 @@ from beltid.stages.friction import reduce_rig, reduction_columns, simulated_reco
 from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import with_tensions
 from beltid.store.artifact import Artifact
-from beltid.uncertainty.agreement import dominant, validated, within_words
-from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
+from beltid.uncertainty.simulated import RunsUncertainty, dominant, runs_uncertainty_of, validated
 
 NEEDED: Final = (
     *("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s"),
@@ -98,7 +97,7 @@ def agreement(
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": within_words(found),
+            "within_two_u_validation": f"{found['within_2u']} of {found['n']} runs",
             "rms_over_u_validation": found["rms_e_over_u"],
             "u_validation_mostly_from": dominant(budget),
             "validation": found,

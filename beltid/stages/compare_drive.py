@@ -11,7 +11,7 @@ from beltid.config import Config
 from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, LossPoints, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import InputError
-from beltid.identify.slip.points import GROSS_SLIP, OK
+from beltid.identify.slip import GROSS_SLIP, OK
 from beltid.stage import Outcome
 from beltid.stages.columns import finite_or_none, span
 

@@ -13,12 +13,10 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import InputError
-from beltid.identify.agreement.compare import AgreementResult, Statistics
-from beltid.identify.agreement.hold_out import FEWEST, Fold, HoldOut, between_speeds, folds
+from beltid.identify.agreement import AgreementResult, Fold, Statistics, between_speeds, folds
 from beltid.notes import log
-from beltid.refine.curves import SPEED_BEND
 from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import SPEED_BEND
 from beltid.stage import Outcome
 from beltid.stages.compare import agreement
 from beltid.stages.inputs import friction_columns, press_law
@@ -32,17 +30,12 @@ from beltid.stages.refine import (
     with_covariance,
 )
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import measured_runs, numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import (
-    RunsUncertainty,
-    SimulatedUncertainty,
-    simulated_uncertainty,
-)
+from beltid.uncertainty.measured import PressLaw, measured_runs, numbered_arcs
+from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
 from beltid.uncertainty.sources import (
     ARC,
+    BETWEEN_SPEEDS,
     Source,
-    between_speeds_source,
     reduction_sources,
     with_rig_sources,
 )
@@ -58,9 +51,8 @@ class Predicted:
     """The predicted runs of one fold."""
 
     fold: Fold
-    part: SimulatedUncertainty
+    part: RunsUncertainty
     """The predicted coefficients and their uncertainty by source."""
-    sources: tuple[Source, ...]
     beyond: int
     """Number of predicted runs whose mean force no other run reached."""
     warnings: tuple[str, ...] = ()
@@ -70,8 +62,6 @@ def predicted_runs(
     friction: Any, law: Any, config: Config, by: str, workers: Workers
 ) -> Outcome[AgreementResult]:
     """Predict the runs of every arc or speed from the others, and compare them."""
-    if by not in FEWEST:
-        raise InputError(f"by = {by}, must be {' or '.join(FEWEST)}")
     columns = with_tensions(friction_columns(friction, HELD_OUT), config)
     log.info("every %s left out once and predicted", by)
     press = press_law(law, config)
@@ -107,7 +97,7 @@ def predicted_runs(
     )
 
 
-def _notes(predicted: Sequence[Predicted], by: HoldOut) -> Iterator[str]:
+def _notes(predicted: Sequence[Predicted], by: str) -> Iterator[str]:
     yield f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
     if by == "speed":
         yield "predicted between speeds: the lowest and the highest were never left out"
@@ -117,7 +107,7 @@ def _notes(predicted: Sequence[Predicted], by: HoldOut) -> Iterator[str]:
             f"{beyond} of {n} predicted runs have a mean force that no other run reached: "
             "the nearest value was used there"
         )
-    knows_arcs = all(any(s.error == ARC for s in p.sources) for p in predicted)
+    knows_arcs = all(any(s.error == ARC for s in p.part.sources) for p in predicted)
     if by == "arc" and not knows_arcs:
         yield (
             "a single arc was left, which does not show how much arcs differ: such a difference is "
@@ -150,14 +140,14 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
         part = replace(
             part,
+            sources=(*sources, replace(BETWEEN_SPEEDS, place=int(fold.left_out[0]))),
             simulated=np.hstack([part.simulated, missed]),
             difference=np.hstack([part.difference, missed]),
         )
-        sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
     beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
     warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
-    return Predicted(fold, part, sources, beyond, warnings)
+    return Predicted(fold, part, beyond, warnings)
 
 
 def as_simulated(
@@ -170,21 +160,21 @@ def as_simulated(
     runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
-    mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
     # the folds may differ in their sources
     by_key: dict[tuple[str, int], Source] = {}
-    for source in (source for prediction in predicted for source in prediction.sources):
+    for source in (source for prediction in predicted for source in prediction.part.sources):
         by_key.setdefault((source.error, source.place), source)
     column_of = {key: k for k, key in enumerate(by_key)}
     parts = []
-    for prediction in predicted:
-        part, n = prediction.part, prediction.part.mu.size
-        aligned = [column_of[source.error, source.place] for source in prediction.sources]
-        simulated, difference = np.zeros((2, n, len(by_key)))
+    for part in (prediction.part for prediction in predicted):
+        aligned = [column_of[source.error, source.place] for source in part.sources]
+        simulated, difference = np.zeros((2, part.mu.size, len(by_key)))
         simulated[:, aligned], difference[:, aligned] = part.simulated, part.difference
-        zero = np.zeros((n, 2))
+        zero = np.zeros((part.mu.size, 2))
         parts.append(replace(part, simulated=simulated, difference=difference, by_setting=zero))
-    labels = [str(label) for label in table["run"]]
-    uncertainty = RunsUncertainty.of(labels, mu, tuple(by_key.values()), parts)
-    return {**table, "mu_sliding": mu}, uncertainty
+    labels = tuple(str(label) for label in table["run"])
+    uncertainty = replace(
+        RunsUncertainty.joined(parts), sources=tuple(by_key.values()), runs=labels
+    )
+    return {**table, "mu_sliding": uncertainty.mu}, uncertainty

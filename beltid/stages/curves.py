@@ -14,7 +14,7 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.run import RunRecord
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
@@ -55,7 +55,7 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
             }
             parts.append(
                 {name: np.full(starts.size, label) for name, label in labels.items()}
-                | {"penetration_m": position - result.contact_m[curve.test]}
+                | {"penetration_m": position - result.pooled.contact_m[curve.test]}
                 | {"line_force_N_m": force}
             )
     return Outcome(_joined(parts), result)
@@ -64,7 +64,7 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
     """Return runs over time: typical runs and runs set aside in detail, all others thinned."""
     samples = samples_of_runs(friction.columns)
-    records = {record.run: record for record in records_of(rig, config)}
+    records = {record.result.run: record for record in records_of(rig, config)}
     if missing := sorted(set(samples) - set(records)):
         raise InputError(
             f"{rig.path}: has no run {', '.join(missing[:MOST_NAMED])}; {friction.path} was made "
@@ -96,11 +96,11 @@ def _thinned_run(record: RunRecord, most: int) -> dict[str, np.ndarray]:
         tight, slack = (c.tension(x) for c, x in zip(kind.cells, (tight, slack), strict=True))
     kept = _thinned(tight, most)
     return {
-        "run": np.full(kept.size, record.run, dtype=object),
+        "run": np.full(kept.size, record.result.run, dtype=object),
         "time_s": record.time_s[kept],
         "tension_tight_N": tight[kept],
         "tension_slack_N": slack[kept],
-        "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
+        "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.result.arc_deg)),
         "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
     }
 

@@ -31,15 +31,14 @@ from beltid.stages.drive_of_config import (
     points_of_slip,
 )
 from beltid.stages.inputs import press_law, standard_uncertainties, surface_from
-from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
     DriveUncertainty,
     change_by_slower_friction,
     drive_uncertainty,
     without_bending,
 )
-from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, bending_source, drive_sources, slower_source
+from beltid.uncertainty.measured import PressLaw
+from beltid.uncertainty.sources import BENDING, SLOWER, Scatter, Source, budget, drive_sources
 
 SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
@@ -171,11 +170,11 @@ def _uncertainty(
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
     uncertainty = drive_uncertainty(drive, points, results, press, sources)
     if config.drive.method == "string":
-        sources = (*sources, bending_source())
+        sources = (*sources, BENDING)
         uncertainty = uncertainty.with_source(without_bending(results))
     slower_friction = change_by_slower_friction(drive, points, results)
     if slower_friction.any():
-        sources = (*sources, slower_source())
+        sources = (*sources, SLOWER)
         uncertainty = uncertainty.with_source(slower_friction)
     return uncertainty, sources
 

@@ -15,16 +15,14 @@ import numpy as np
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.kinds import PERFECT, SPANS, TOUCH_DEG, KnownCell, RigKind
-from beltid.identify.friction.plateaus import reduce_plateaus
-from beltid.identify.friction.reduction import RunReduction, reduce_records
-from beltid.identify.friction.run import Conditions, RunRecord, run_records
+from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
+from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
 from beltid.laws.capstan import STRAIGHT, Spans
 from beltid.stage import Outcome
 from beltid.stages.columns import at, columns_from, listed, span
 from beltid.stages.inputs import standard_uncertainties
 from beltid.stages.plausible import refuse_implausible
-from beltid.uncertainty.reduced import friction_uncertainty
+from beltid.uncertainty.measured import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
 HELD: Final = 0.005
@@ -32,6 +30,7 @@ HELD: Final = 0.005
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
+TOUCH_DEG: Final = 360.0  # arc beyond which the turns of the belt may touch each other
 TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
@@ -45,8 +44,10 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     with at(recording):
         runs = reduce_rig(recording, config)
         refuse_implausible(runs, config, kind)
-        default = Conditions(config.conditions.surface, config.conditions.side)
-        runs = tuple(replace(r, conditions=r.conditions.completed(default)) for r in runs)
+        surface, side = config.conditions.surface, config.conditions.side
+        runs = tuple(
+            replace(r, condition=r.condition or surface, side=r.side or side) for r in runs
+        )
         if not any(run.ok for run in runs):
             raise InputError([f"run {run.run} cannot be used: {run.status}" for run in runs])
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
@@ -149,8 +150,6 @@ def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
         "friction",
         runs,
         notes=[_notes_of(run) for run in runs],
-        condition=[run.conditions.condition for run in runs],
-        side=[run.conditions.side for run in runs],
     )
 
 
@@ -204,7 +203,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
         )
     if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
         yield f"{TOUCHING} ({listed(touching)})"
-    if any(run.conditions.side == "back" for run in good):
+    if any(run.side == "back" for run in good):
         yield (
             "measured on the back of the belt: surface and contact stiffness of one side do not "
             "hold for the other"

@@ -24,7 +24,7 @@ from beltid.store.artifact import Artifact, read_artifact
 from beltid.store.disk import read_bytes
 from beltid.store.together import refuse_misfits
 from beltid.tables import schemas
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
 UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")

@@ -18,7 +18,7 @@ from beltid.config.loading import effective_values
 from beltid.config.source import format_path
 from beltid.config.writing import SECTIONS, template_text, value_text
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
-from beltid.identify.agreement.compare import SAME_SETTING
+from beltid.identify.agreement import SAME_SETTING
 from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.columns import finite_or_none

@@ -12,11 +12,9 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ConvergenceError, InputError, counted
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
-from beltid.plan.advice import Plan, choose_plan
+from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
-from beltid.plan.knowledge import KnownSurface, knowledge_at, sources_of_plan
-from beltid.plan.session import schedule
-from beltid.plan.target import Target, surface_target
+from beltid.plan.knowledge import knowledge_at, sources_of_plan
 from beltid.stage import Outcome
 from beltid.stages.columns import ok_rows
 from beltid.stages.friction import rig_kind
@@ -33,7 +31,13 @@ from beltid.stages.refine import NEEDED
 from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import measured_runs, valid_rows
-from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source, sources_of
+from beltid.uncertainty.sources import (
+    EFFECT_SOURCES,
+    FITTED,
+    Source,
+    SurfaceUncertainty,
+    sources_of,
+)
 
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
 """Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""
@@ -203,7 +207,7 @@ def _thinned(values: Sequence[float]) -> list[float]:
     return [ordered[k] for k in indices]
 
 
-def _known_surface(surface: Any) -> KnownSurface:
+def _known_surface(surface: Any) -> SurfaceUncertainty:
     """Return the known surface of an artifact or a result."""
     if not isinstance(surface, (Artifact, Outcome)) or surface.kind != "surface":
         raise ArgumentTypeError(
@@ -214,7 +218,7 @@ def _known_surface(surface: Any) -> KnownSurface:
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
     sources = sources_of(stored["sources"])
-    return KnownSurface(
+    return SurfaceUncertainty(
         surface=found,
         sources=sources,
         changes=found.factor[..., : len(sources)],

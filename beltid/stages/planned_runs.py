@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import SAME_SETTING
-from beltid.identify.estimators.statistics import settings_of
+from beltid.identify.agreement import SAME_SETTING
+from beltid.identify.estimators import settings_of
 from beltid.params import OperatingPoint
 from beltid.stages.columns import listed, ok_rows
 

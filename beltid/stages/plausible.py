@@ -15,8 +15,8 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, RigKind
 from beltid.identify.friction.reduction import RunReduction
+from beltid.identify.friction.run import SPANS, RigKind
 from beltid.tables.schemas import table
 from beltid.tables.units import CONVERSIONS, canonical_unit
 

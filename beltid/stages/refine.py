@@ -12,19 +12,20 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.estimators.statistics import settings_of
+from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
-from beltid.refine.inverse import RefinedSurface, refine_surface
-from beltid.refine.posterior import SCATTER
-from beltid.refine.shown import (
+from beltid.refine.inverse import (
     CONFOUNDED,
     TOGETHER,
+    RefinedSurface,
     ShownEffect,
     contradictions,
+    refine_surface,
     shown_effects,
 )
+from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
 from beltid.stage import Outcome
 from beltid.stages.columns import at, finite_or_none, in_percent
@@ -34,8 +35,7 @@ from beltid.stages.planned_runs import refuse_running
 from beltid.stages.rig import guided_weight
 from beltid.stages.surface import friction_formulas, rows_of_one, said_of_surface
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import measured_runs, own_errors
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw, measured_runs, own_errors
 from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import (
     ARC,
@@ -318,8 +318,8 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
             "uncertainty is wrong, or the simulated rig does not describe this bench"
         )
-    for k in np.flatnonzero(found.weight < 0.5):
-        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
+    for k in np.flatnonzero(found.fit.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
 
 
 def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:

@@ -40,8 +40,7 @@ from beltid.stages.planned_runs import (
 )
 from beltid.stages.workers import Workers, threads
 from beltid.tables import schemas
-from beltid.uncertainty.measured import numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw, numbered_arcs
 from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
 from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 
@@ -253,21 +252,21 @@ def _uncertainty(
     """Return the uncertainty of the simulated runs of a campaign; a note if it stays unknown."""
     runs, results = zip(*campaign.finished, strict=True)
     numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
-    of_rig = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
-    sources = with_rig_sources(sources_of(stored.get("sources", ())), of_rig)
+    stated = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
+    sources = with_rig_sources(sources_of(stored.get("sources", ())), stated)
     points, kind = [run.point for run in runs], rig_kind(config)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
+    mu, labels = np.array([result.mu for result in results]), [run.label for run in runs]
+    bench, of_rig = campaign.bench, (sources, elements, kind, False)
     calls = [
-        (campaign.bench, press, points[piece], numbers[piece], sources, elements, kind)
+        (bench, press, points[piece], numbers[piece], *of_rig, labels[piece], mu[piece])
         for piece in pieces
     ]
     try:
         parts = dict(workers.as_ended(simulated_uncertainty, calls))
     except BeltidError as error:
         return None, [f"uncertainty of the simulated runs is not known: {error.problems[0]}"]
-    mu = np.array([result.mu for result in results])
-    labels, ordered = [run.label for run in runs], [parts[i] for i in range(len(pieces))]
-    return RunsUncertainty.of(labels, mu, sources, ordered), []
+    return RunsUncertainty.joined([parts[i] for i in range(len(pieces))]), []
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.slip.points import (
+from beltid.identify.slip import (
     GROSS_SLIP,
     OK,
     RequiredSpeeds,
     SlipResult,
+    fit_slip,
     required_pulley_speeds,
 )
-from beltid.identify.slip.slip import fit_slip
 from beltid.stage import Outcome
 from beltid.stages.columns import at, columns_from
 

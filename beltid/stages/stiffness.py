@@ -12,7 +12,7 @@ from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.stage import Outcome
 from beltid.stages.inputs import standard_uncertainties
-from beltid.uncertainty.reduced import stiffness_uncertainty
+from beltid.uncertainty.measured import stiffness_uncertainty
 
 COLUMNS: Final = (
     *("k_linear_N_m2", "k_quadratic_N_m3", "k_linear_se_N_m2", "k_quadratic_se_N_m3"),
@@ -46,7 +46,7 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
         result,
         facts={
             **{name: float(columns[name][-1]) for name in COEFFICIENTS},
-            "temperature_matters": result.temperature.matters,
+            "temperature_matters": result.temperature_matters,
             "quadratic_law_supported": result.quadratic_supported,
             "n_effective": pooled.n_effective,
             "n_missing": recording.n_missing,

@@ -17,10 +17,8 @@ from beltid.stage import Outcome
 from beltid.stages.columns import at, in_percent, ok_rows, span
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import friction_columns, standard_uncertainties
-from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.published import published_changes
-from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
+from beltid.uncertainty.measured import measured_runs, own_errors, published_uncertainty, valid_rows
+from beltid.uncertainty.sources import StandardUncertainties, SurfaceUncertainty
 
 NO_ARC_DEG: Final = 90.0
 """Arc of coefficients that a table states without one: they form a single group and do not depend
@@ -51,7 +49,7 @@ def published(
     used = valid_rows(columns, good)
     measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
     stated = StandardUncertainties() if direct else standard_uncertainties(config)
-    uncertainty = _uncertainty(measured, result, stated)
+    uncertainty = published_uncertainty(measured, result.average, stated)
     formulas, notes = friction_formulas(surface, uncertainty.factor)
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     facts, budget = said_of_surface(surface, columns, good, ranges, uncertainty)
@@ -121,22 +119,6 @@ def said_of_surface(
         **({"conditions": stated} if stated else {}),
     }
     return facts, extra["budget"]
-
-
-def _uncertainty(
-    measured: Measured, result: SurfaceResult, standard: StandardUncertainties
-) -> SurfaceUncertainty:
-    """Propagate the errors to the surface; the bias by bending is not included."""
-    bent = measured.kind.spans.EI > 0.0
-    of_rig = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
-    sources = (*of_rig, *reduction_sources(measured.columns))
-    return SurfaceUncertainty(
-        surface=result.surface,
-        sources=sources,
-        changes=published_changes(measured, result.average, sources),
-        scatter=result.average.scatter,
-        arcs_deg=measured.arcs_deg,
-    )
 
 
 def friction_formulas(

@@ -1,23 +1,7 @@
-"""Uncertainty of the results: law of propagation (GUM) and validation.
+"""Uncertainty of the results: law of propagation (GUM) and validation (ASME V&V 20).
 
-================ ========================================================== =====================
-Module           Responsibility                                             Equation
-================ ========================================================== =====================
-``sources``      kinds of errors in a table, their sizes, and what one      JCGM 100 (10)
-                 standard uncertainty of each changes
-``budget``       contributions named, compared and combined;                JCGM 100 (10), (G.2b)
-                 covariance of a surface by its causes
-``press_law``    errors of the press in the contact law                     (3)
-``measured``     reduced runs of a rig, with errors corrected               (5) to (8)
-``reduced``      uncertainties of runs of the rig and of press laws
-``published``    the published surface: the procedure repeated
-``rig_runs``     runs on the simulated rig, with derivatives by friction
-                 and by the inputs of the rig
-``simulated``    simulated runs, and their difference from measured ones
-``drive``        speed losses of a drive: solved again with each error
-``agreement``    simulated minus measured over its uncertainty              ASME V&V 20
-================ ========================================================== =====================
-
-The refined surface (:mod:`beltid.refine`) and the plan (:mod:`beltid.plan`) propagate with the same
-sources.
+`sources` lists the kinds of errors and budgets, `measured` corrects runs of the rig and the contact
+law for them, `rig_runs` runs on the simulated rig, with derivatives by friction and inputs,
+`simulated` their difference from measured runs, `drive` the speed losses of a drive. The refined
+surface (:mod:`beltid.refine`) and the plan (:mod:`beltid.plan`) propagate with the same sources.
 """

@@ -20,9 +20,8 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import ADHESION, DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.uncertainty.budget import factor_of
-from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.measured import PressLaw
+from beltid.uncertainty.sources import Errors, Source, factor_of
 
 Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]

@@ -1,4 +1,21 @@
-"""Reduced runs of a friction rig, read from their table, and their correction for errors."""
+"""Reduced runs of a friction rig and the contact law of a press, and their correction for errors.
+
+With relative errors e_F of the force gain, e_x of the travel gain, e_L of the segment length and
+e_k of the law in service (rubber that the press never unloaded, another rate, another specimen),
+the coefficients of the contact law, Eq. (3), are
+
+    k_linear -> k_linear (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)),
+    k_quadratic -> k_quadratic (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)²).
+
+An error c of the machine compliance moves a point of force f per length by c L f along the travel.
+The law is fitted with a free contact point, so the change of its coefficients is the projection of
+f'(delta) c L f on (delta, delta², f'(delta)) over the range of the fit.
+
+The procedure of the published surface is a chain of formulas and splines without iteration, so it
+is repeated with each error corrected. Its nodes lie where the runs are and move with them; a change
+is taken at the moved node and shifted back to the force and speed of the nominal node along the
+slope of the surface.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import settings_of
-from beltid.identify.friction.kinds import TWO_CELLS, RigKind
+from beltid.identify.estimators import settings_of
+from beltid.identify.friction.run import TWO_CELLS, RigKind
+from beltid.identify.press.stiffness import LawEstimate
+from beltid.identify.surface.surface import Points, SurfaceGrid, grid_through
 from beltid.laws.capstan import (
     hub_force,
     mean_normal_force,
@@ -20,10 +39,73 @@ from beltid.laws.capstan import (
     tensions_by_hub_force,
     tensions_by_torque,
 )
+from beltid.laws.penalty import NormalLaw
+from beltid.mixed import root
 from beltid.params import GivenForce, OperatingPoint
-from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
+from beltid.uncertainty.sources import (
+    REDUCTION_SOURCES,
+    Errors,
+    Scatter,
+    Source,
+    StandardUncertainties,
+    SurfaceUncertainty,
+    budget,
+    changes_by,
+    combined,
+    press_sources,
+    reduction_sources,
+    rig_sources,
+)
 
 Array = NDArray[np.float64]
+
+POINTS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class PressLaw:
+    """A contact law with covariance and range of its fit."""
+
+    law: NormalLaw  # the law
+    covariance: Array
+    """Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known, (2,
+    2)."""
+    max_penetration_m: float  # deepest penetration of the fit [m]
+    segment_length_m: float  # length of belt under the press [m]
+
+    @property
+    def has_scatter(self) -> bool:
+        """Whether the covariance is known."""
+        return bool(np.any(self.covariance != 0.0))
+
+    def coefficients(self, errors: Errors) -> Array:
+        """Return the coefficients (2,) with errors corrected; negative ones become zero."""
+        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
+        k = k + root(self.covariance) @ [errors.at("law", 0), errors.at("law", 1)]
+        k = k + self._per_compliance() * errors.at("machine_compliance")
+        force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
+        force = force / (1.0 + errors.at("segment_length"))
+        travel = 1.0 + errors.at("press_displacement")
+        corrected = k * force / np.array([travel, travel**2])
+        return np.asarray(np.maximum(corrected, 0.0))
+
+    def corrected(self, errors: Errors) -> NormalLaw:
+        """Return the law with errors corrected."""
+        return NormalLaw(*self.coefficients(errors).tolist())
+
+    def _per_compliance(self) -> Array:
+        """Return the change of the coefficients (2,) per corrected compliance [m/N]."""
+        delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
+        slope, force = self.law.stiffness(delta), self.law.force(delta)
+        present = np.array([self.law.k_linear_N_m2 > 0.0, self.law.k_quadratic_N_m3 > 0.0])
+        design = np.column_stack([np.column_stack([delta, delta**2])[:, present], slope])
+        size = np.linalg.norm(design, axis=0)
+        force_change = slope * self.segment_length_m * force
+        solution = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
+        change = np.zeros(2)
+        change[present] = solution[:-1]  # the last one moves the contact point
+        return change
+
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
@@ -82,10 +164,6 @@ class Measured:
         settings = np.column_stack([self.beta, self.T_0, self.omega])
         return [OperatingPoint(*row) for row in settings.tolist()]
 
-    def with_columns(self, key: str, columns: Array) -> Self:
-        """Return the runs with the change of ln mu (n, places) per unit of one more error."""
-        return replace(self, columns={**self.columns, key: columns})
-
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
 
@@ -116,7 +194,10 @@ class Measured:
             slack=slack,
             mu=log_ratio / beta,
         )
-        return corrected.scattered(self._by_columns(errors))
+        change = np.zeros(self.mu.size)
+        for key, columns in self.columns.items():
+            change += columns @ [errors.at(key, place) for place in range(columns.shape[1])]
+        return corrected.scattered(change)
 
     def scattered(self, change: Array) -> Self:
         """Return the runs with ln mu changed by `change` (n,) and the same force at rest.
@@ -182,13 +263,6 @@ class Measured:
         """
         return self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
-    def _by_columns(self, errors: Errors) -> Array:
-        """Return the change of ln mu (n,) by shared errors in `columns`."""
-        change = np.zeros(self.mu.size)
-        for key, columns in self.columns.items():
-            change += columns @ [errors.at(key, place) for place in range(columns.shape[1])]
-        return change
-
 
 def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
     """Return the tension before the pulley turns (n,) [N]; by the given force, if there is one."""
@@ -238,7 +312,7 @@ def measured_runs(
     flux, torque_with = columns.get("momentum_N"), columns.get("torque_with")
     return Measured(
         R=R,
-        arc=arc_settings(arc_deg),
+        arc=settings_of(arc_deg, ARC_GAP),
         beta=beta,
         T_0=tension_given(given_force, tight, slack, T_0),
         omega=np.abs(v) / R,
@@ -276,11 +350,6 @@ def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
     return np.asarray(np.sqrt(np.maximum(np.square(whole) - shared, 0.0)))
 
 
-def arc_settings(arc_deg: np.ndarray) -> np.ndarray:
-    """Number the arc setting of each run (n,), ascending from 0."""
-    return settings_of(arc_deg, ARC_GAP)
-
-
 def numbered_arcs(
     arcs_deg: Sequence[float] | np.ndarray, known_deg: Sequence[float] | np.ndarray
 ) -> tuple[NDArray[np.intp], list[float]]:
@@ -303,3 +372,140 @@ def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
         values = np.abs(values) if name == "slip_speed_m_s" else values
         good &= np.isfinite(values) & (values > 0.0)
     return np.asarray(rows[good])
+
+
+def published_grid(measured: Measured) -> SurfaceGrid:
+    """Build the averaged surface of a campaign by the published procedure."""
+    points = Points(
+        arc_deg=np.degrees(measured.beta),
+        f=measured.normal_force,
+        v=measured.slip_speed,
+        mu=measured.mu,
+        se=measured.mu_se,
+    )
+    return grid_through(points)[0]
+
+
+def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
+    """Return the change of ln mu at the nominal nodes (nf, nv), other minus nominal."""
+    surface = nominal.to_surface()
+    f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s[None, :]
+    if other.mu.shape != nominal.mu.shape:  # nodes were added or removed
+        return np.asarray(np.log(other.to_surface().mu(f, v) / nominal.mu))
+    by_f, by_v = surface.gradient(f, v)
+    f_step = np.log(other.normal_force_N_m / nominal.normal_force_N_m)[:, None]
+    v_step = np.log(other.slip_speed_m_s / nominal.slip_speed_m_s)[None, :]
+    along = (by_f * f * f_step + by_v * v * v_step) / nominal.mu
+    return np.asarray(np.log(other.mu / nominal.mu) - along)
+
+
+def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source]) -> Array:
+    """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
+    return changes_by(
+        sources, lambda e: changes_at_nodes(nominal, published_grid(measured.corrected(e)))
+    )
+
+
+def published_uncertainty(
+    measured: Measured, nominal: SurfaceGrid, given: StandardUncertainties
+) -> SurfaceUncertainty:
+    """Propagate the errors to the published surface; the bias by bending is not included."""
+    sources = sources_of_runs(measured, given)
+    return SurfaceUncertainty(
+        surface=nominal.to_surface(),
+        sources=sources,
+        changes=published_changes(measured, nominal, sources),
+        scatter=nominal.scatter,
+        arcs_deg=measured.arcs_deg,
+    )
+
+
+def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[Source, ...]:
+    """Return the errors of the bench, and of the reduction, that runs share."""
+    bent = measured.kind.spans.EI > 0.0
+    bench = rig_sources(given, int(measured.arc.max()) + 1, bent=bent)
+    return (*bench, *reduction_sources(measured.columns))
+
+
+Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
+
+
+def friction_uncertainty(
+    columns: Mapping[str, np.ndarray],
+    given: StandardUncertainties,
+    R: float,
+    kind: RigKind = TWO_CELLS,
+) -> Found:
+    """Compute the combined uncertainties of the runs of a friction rig, and their budget.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Columns of the friction table.
+    given : StandardUncertainties
+        Standard uncertainties of the bench.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    kind : RigKind
+        What the rig measures.
+
+    Returns
+    -------
+    columns, budget
+        ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be used; one row
+        per quantity and source.
+    """
+    rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
+    u_mu, u_force = np.full((2, len(columns["status"])), np.nan)
+    lines: list[dict[str, Any]] = []
+    if rows.size:  # a table may state coefficients without an arc
+        measured = measured_runs(columns, rows, R, kind)
+        sources = sources_of_runs(measured, given)
+        mu = changes_by(sources, lambda e: measured.corrected(e).mu) / measured.mu[:, None]
+        force = changes_by(sources, lambda e: measured.corrected(e).normal_force)
+        force = force / measured.normal_force[:, None]
+        scatter, none = measured.mu_se / measured.mu, np.zeros(rows.size)
+        u_mu[rows] = measured.mu * combined(mu, scatter)
+        u_force[rows] = measured.normal_force * combined(force, none)
+        words = "scatter of the samples"
+        lines = budget("mu_sliding", sources, mu, Scatter(words, scatter))
+        lines += budget("normal_force_N_m", sources, force, Scatter(words, none))
+    return {"mu_sliding_u": u_mu, "normal_force_u_N_m": u_force}, lines
+
+
+def stiffness_uncertainty(
+    laws: Sequence[LawEstimate], given: StandardUncertainties, segment_length_m: float
+) -> Found:
+    """Compute the uncertainties of normal contact laws, and the budget of the last (pooled) one.
+
+    Parameters
+    ----------
+    laws : sequence of LawEstimate
+        The laws.
+    given : StandardUncertainties
+        Standard uncertainties of the press.
+    segment_length_m : float
+        Length of belt under the press [m].
+
+    Returns
+    -------
+    columns, budget
+        ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``; one row per coefficient and source.
+    """
+    sources = press_sources(given)
+    u = np.zeros((len(laws), 2))
+    rows: list[dict[str, Any]] = []
+    for i, law in enumerate(laws):
+        k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
+        size = np.where(k > 0.0, k, 1.0)
+        normal_law = NormalLaw(*k.tolist())
+        press = PressLaw(normal_law, np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
+        changes = changes_by(sources, press.coefficients) / size[:, None]
+        scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
+        u[i] = size * combined(changes, scatter)
+        freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
+        if law is laws[-1]:
+            for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):
+                part = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
+                rows += budget(name, sources, changes[j : j + 1], part)
+    return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.sensitivity import tension_sensitivity
 from beltid.rig.steady import StaticState, lay_on, slide
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
 
 Array = NDArray[np.float64]
@@ -48,18 +48,19 @@ class Campaign:
 
     def corrected(self, errors: Errors) -> Self:
         """Return runs and bench with errors corrected."""
-        belt, rig = self.bench.belt, self.bench.rig
-        measured = self.measured.corrected(errors)
-        bench = replace(
-            self.bench,
-            belt=replace(
-                belt,
-                EA=belt.EA * (1.0 + errors.at("axial_stiffness")),
-                EI=belt.EI * (1.0 + errors.at("bending_stiffness")),
-            ),
-            rig=replace(rig, R=measured.R, span=rig.span + errors.at("span_length")),
+        return self._moved(
+            self.measured.corrected(errors),
+            EA=1.0 + errors.at("axial_stiffness"),
+            EI=1.0 + errors.at("bending_stiffness"),
+            span=self.bench.rig.span + errors.at("span_length"),
             law=self.press.corrected(errors),
         )
+
+    def _moved(self, measured: Measured, EA: float, EI: float, span: float, law: NormalLaw) -> Self:
+        """Return the campaign with other runs and inputs; the stiffnesses as factors."""
+        bench, belt = self.bench, self.bench.belt
+        belt = replace(belt, EA=belt.EA * EA, EI=belt.EI * EI)
+        bench = replace(bench, belt=belt, rig=replace(bench.rig, R=measured.R, span=span), law=law)
         return replace(self, measured=measured, bench=bench)
 
     def log_inputs(self) -> Array:
@@ -74,26 +75,17 @@ class Campaign:
     def stepped(self, name: str) -> Self:
         """Return the campaign with one input a step larger and unchanged sliding speeds."""
         factor = {n: 1.0 + STEP * (n == name) for n in INPUTS}
-        bench, measured = self.bench, self.measured
-        belt, rig, law = bench.belt, bench.rig, bench.law
+        measured, rig, law = self.measured, self.bench.rig, self.bench.law
         k = law.k_linear_N_m2 * factor["k_linear"], law.k_quadratic_N_m3 * factor["k_quadratic"]
-        R = rig.R * factor["radius"]
-        return replace(
-            self,
-            bench=replace(
-                bench,
-                belt=replace(belt, EA=belt.EA * factor["EA"], EI=belt.EI * factor["EI"]),
-                rig=replace(rig, R=R, span=rig.span * factor["span"]),
-                law=replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1]),
-            ),
-            measured=replace(
-                measured,
-                R=R,
-                omega=measured.omega / factor["radius"],
-                beta=measured.beta * factor["arc"],
-                T_0=measured.T_0 * factor["initial tension"],
-            ),
+        stepped = replace(
+            measured,
+            R=rig.R * factor["radius"],
+            omega=measured.omega / factor["radius"],
+            beta=measured.beta * factor["arc"],
+            T_0=measured.T_0 * factor["initial tension"],
         )
+        law = replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1])
+        return self._moved(stepped, factor["EA"], factor["EI"], rig.span * factor["span"], law)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,19 +8,24 @@ sensitivity to an error may still differ from run to run; it belongs to the run,
 (:class:`beltid.uncertainty.measured.Measured`).
 
 Sign: an error is the true value minus the value used, relative to it or in its unit.
+
+A budget names, compares and combines every contribution (JCGM 100). A result may have several
+values (the runs of a campaign, the nodes of a surface). A contribution is stated by its root mean
+square over them and by its largest value, relative to the result. The combined uncertainty is the
+root of the sum of squares at each value.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
@@ -95,7 +100,6 @@ EFFECT_SOURCES: Final = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and name of effects that shift the friction in addition to the surface."""
-BETWEEN_SPEEDS: Final = "between_speeds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,26 +112,10 @@ class StandardUncertainties:
         Size by the key of a kind, as a share or in SI units, >= 0; zero for those left out.
     stated : frozenset of str
         Keys that the user stated; the others are assumed.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or a size negative or not finite.
     """
 
     sizes: Mapping[str, float] = field(default_factory=dict)
     stated: frozenset[str] = frozenset()
-
-    def __post_init__(self) -> None:
-        known = {kind.error for kind in KINDS}
-        problems = [
-            f"uncertainty.{key} = {size!r}, must be >= 0 and finite"
-            for key, size in self.sizes.items()
-            if not 0.0 <= size < math.inf
-        ]
-        problems += [f"uncertainty.{key}: no such error" for key in self.sizes if key not in known]
-        if problems:
-            raise InputError(problems)
 
     def __getitem__(self, error: str) -> float:
         return self.sizes.get(error, 0.0)
@@ -225,20 +213,14 @@ def drive_sources(
     return (*_stated(u, DRIVE, counts), *press_sources(u, law_scatter))
 
 
-def bending_source() -> Source:
-    """Return the source for the bending stiffness that a string has not, of unit size."""
-    return Source("string without bending stiffness", "without_bending")
-
-
-def slower_source() -> Source:
-    """Return the source for friction at sliding speeds below those measured, of unit size."""
-    words = "friction slower than the slowest measured sliding"
-    return Source(words, "slower_friction", basis=ASSUMED)
-
-
-def between_speeds_source(place: int) -> Source:
-    """Return the source for friction interpolated to a speed that was left out, of unit size."""
-    return Source("interpolation between the speeds", BETWEEN_SPEEDS, place)
+BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
+"""Source for friction interpolated to a speed that was left out, of unit size."""
+BENDING: Final = Source("string without bending stiffness", "without_bending")
+"""Source for the bending stiffness that a string has not, of unit size."""
+SLOWER: Final = Source(
+    "friction slower than the slowest measured sliding", "slower_friction", basis=ASSUMED
+)
+"""Source for friction at sliding speeds below those measured, of unit size."""
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
@@ -276,3 +258,163 @@ def _stated(u: StandardUncertainties, result: str, counts: Mapping[str, int]) ->
         for is_stated in [kind.error in u.stated]
         for k in range(kind.places if isinstance(kind.places, int) else counts[kind.places])
     )
+
+
+COMBINED = "combined"
+LEAST_PERCENT = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Contribution that varies from run to run, or from sample to sample."""
+
+    name: str  # name of the contribution
+    relative: Array  # standard uncertainty over the result [-], (n,)
+    degrees_of_freedom: float | None = None  # degrees of freedom of its estimate; None if not known
+
+
+def budget(
+    quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
+) -> list[dict[str, Any]]:
+    """Return the rows of a budget, with the combined standard uncertainty last.
+
+    Parameters
+    ----------
+    quantity : str
+        The result whose budget it is.
+    sources : sequence of Source
+        Errors that act on all values together; those of one name are one row.
+    changes : ndarray, shape (n, K)
+        Relative change of the n values by one standard uncertainty of each source [-].
+    *scatter : Scatter
+        Other contributions, independent of each other; at least one.
+
+    Returns
+    -------
+    list of dict
+        quantity, source, acts_on, basis (stated, assumed or fitted), standard_uncertainty, unit,
+        contribution_percent, largest_percent, share_percent (of the combined variance),
+        degrees_of_freedom.
+    """
+    total = np.square(combined(changes, np.zeros(scatter[0].relative.size)))
+    total = total + sum(np.square(part.relative) for part in scatter)
+    whole = float(np.mean(total))
+
+    def row(source: str, acts_on: str, part: Array, **known: Any) -> dict[str, Any]:
+        mean = float(np.mean(part))
+        return {
+            "quantity": quantity,
+            "source": source,
+            "acts_on": acts_on,
+            "basis": "",
+            "standard_uncertainty": None,
+            "unit": "",
+            "contribution_percent": 100.0 * math.sqrt(mean),
+            "largest_percent": 100.0 * math.sqrt(float(np.max(part))),
+            "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
+            "degrees_of_freedom": None,
+        } | known
+
+    first = {source.name: source for source in reversed(sources)}
+    shared = []
+    for name in dict.fromkeys(source.name for source in sources):
+        columns = [k for k, source in enumerate(sources) if source.name == name]
+        known: dict[str, Any] = {"basis": first[name].basis}
+        if first[name].basis != FITTED:
+            known |= {"standard_uncertainty": first[name].shown, "unit": first[name].unit}
+        part = np.sum(np.square(changes[:, columns]), axis=1)
+        shared.append(row(name, "all together", part, **known))
+    shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
+    shared.sort(key=lambda entry: -entry["contribution_percent"])
+    each = [
+        row(
+            part.name,
+            "each run",
+            np.square(part.relative),
+            basis=FITTED,
+            degrees_of_freedom=part.degrees_of_freedom,
+        )
+        for part in scatter
+        if np.any(part.relative)
+    ]
+    # by Welch and Satterthwaite: a stated standard uncertainty counts as exact
+    reciprocal = sum(
+        float(np.mean(np.square(part.relative))) ** 2 / part.degrees_of_freedom
+        for part in scatter
+        if part.degrees_of_freedom is not None
+    )
+    freedom = whole**2 / reciprocal if reciprocal > 0.0 else None
+    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=freedom)]
+
+
+def combined(changes: Array, scatter: Array) -> Array:
+    """Combine shared errors (n, K) and scatter (n,) to relative standard uncertainties (n,)."""
+    return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
+
+
+def factor_of(covariance: Array) -> Array:
+    """Factor a covariance (n, n) as S S' with S (n, r); omit directions without variance."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-10 * values[-1]
+    factor = vectors[:, kept] * np.sqrt(values[kept])
+    # the sign of an eigenvector is arbitrary: fix it, so that all machines agree
+    largest = np.argmax(np.abs(factor), axis=0)
+    signs = np.sign(factor[largest, np.arange(factor.shape[1])])
+    return np.ascontiguousarray((factor * signs)[:, ::-1])
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceUncertainty:
+    """Covariance of ln mu at the nodes of a surface by its causes."""
+
+    surface: FrictionSurface  # the surface
+    sources: Sequence[Source]  # errors that all nodes share
+    changes: np.ndarray  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
+    scatter: np.ndarray  # factor of the covariance by scatter from run to run, (nf, nv, r)
+    arcs_deg: np.ndarray  # arc settings in the order in which the sources number them [deg]
+    degrees_of_freedom: float | None = None  # degrees of freedom of the scatter
+    noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
+
+    def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
+        """List the sources whose size was different when the surface was fitted."""
+        now = all_sources(stated, len(self.arcs_deg), law_scatter)
+        sizes = {(source.error, source.place): source.size for source in now}
+        stated_then = (s for s in self.sources if s.basis != FITTED)
+        changed = (s.name for s in stated_then if sizes.get((s.error, s.place), s.size) != s.size)
+        return list(dict.fromkeys(changed))
+
+    @property
+    def factor(self) -> np.ndarray:
+        """Factor of the total covariance (nf, nv, K + r), shared sources first."""
+        return np.concatenate([self.changes, self.scatter], axis=-1)
+
+    def columns(self, n_rows: int) -> dict[str, Any]:
+        """Return ``mu_u`` and ``mu_factor`` of a surface table of `n_rows` rows.
+
+        The nodes come first, force by force; the other rows are empty.
+        """
+        mu = self.surface.mu_nodes
+        rows = self.factor.reshape(mu.size, -1)
+        u = np.full(n_rows, np.nan)
+        u[: mu.size] = mu.ravel() * np.sqrt(np.sum(np.square(rows), axis=1))
+        factor = np.full((n_rows, max(rows.shape[1], 1)), np.nan)
+        factor[: mu.size] = rows if rows.shape[1] else 0.0
+        return {"mu_u": u, "mu_factor": factor}
+
+    def extra(self, force_range: tuple[float, float]) -> dict[str, Any]:
+        """Return the sources of the factor's columns, and the budget over a force range [N/m]."""
+        low, high = force_range
+        f = self.surface.normal_force_N_m
+        inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
+        inside = inside if inside.any() else np.ones(f.size, dtype=bool)
+        scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
+        changes = self.changes[inside].reshape(scatter.size, len(self.sources))
+        part = Scatter("scatter of the runs", scatter, self.degrees_of_freedom)
+        return {
+            "uncertainty": {
+                "sources": [asdict(source) for source in self.sources],
+                "arcs_deg": self.arcs_deg,
+                "budget_force_N_m": [low, high],
+            },
+            "budget": budget("surface", self.sources, changes, part),
+        }

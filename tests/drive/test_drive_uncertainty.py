@@ -16,7 +16,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
 from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty, without_bending
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import compare_points
+from beltid.identify.agreement import compare_points
 
 Columns = dict[str, NDArray[Any]]
 

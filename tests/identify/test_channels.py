@@ -6,10 +6,9 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from virtual_rig import RADIUS_M, Recipe, record
+from virtual_rig import RADIUS_M, Recipe, record, reduce_runs
 
 from beltid.identify.friction.channels import BLOCKS, find_rotation, read_channels
-from beltid.identify.friction.reduction import reduce_runs
 from beltid.identify.friction.run import RunRecord, RunRejected
 
 N, FIRST = 200, 50

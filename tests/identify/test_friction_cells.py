@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from virtual_rig import Recipe, bench
+from virtual_rig import Recipe, bench, reduce_runs
 
-from beltid.identify.friction.kinds import KnownCell, RigKind
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction
+from beltid.identify.friction.run import KnownCell, RigKind
 
 KNOWN = RigKind(cells=(KnownCell(4.0, 1.03), KnownCell(-2.5, 0.98)))
 SAME = ("mu_sliding", "mu_sliding_se", "tension_tight_N", "normal_force_N_m", "imbalance_N")

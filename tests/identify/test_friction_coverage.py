@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from virtual_rig import RADIUS_M, draw
-
-from beltid.identify.friction.reduction import reduce_runs
+from virtual_rig import RADIUS_M, draw, reduce_runs
 
 Array = np.ndarray
 LONG = pytest.mark.long

@@ -16,9 +16,8 @@ from beltid.identify.friction.bench_model import (
     fit_bench,
     log_settings,
 )
-from beltid.identify.friction.channels import SlidingPhase
+from beltid.identify.friction.channels import SlidingPhase, rest_state
 from beltid.identify.friction.prepare import block_starts, sliding_record
-from beltid.identify.friction.rest import rest_state
 
 # --- noise of block means ---
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from press_bench import read
+from virtual_rig import reduce_runs
 
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction
 
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from virtual_rig import Recipe, bench, record
+from virtual_rig import Recipe, bench, record, reduce_runs
 
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction
 
 Columns = dict[str, np.ndarray]
 

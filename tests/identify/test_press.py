@@ -90,14 +90,14 @@ def test_a_temperature_effect_is_a_slope_and_the_pooled_law_is_that_of_the_refer
 ):
     bench = Bench(temperature_slope=slope, tests_per_temperature=2, temperatures=(22.0, 50.0, 80.0))
     result = fitted(bench, reference_temperature_degC=50.0)
-    assert result.temperature.matters is matters
+    assert result.temperature_matters is matters
     at_50 = 1.0 + slope * 28.0
-    found = result.temperature.slope_per_K * at_50
-    assert found == pytest.approx(slope, abs=4.0 * result.temperature.slope_se_per_K + 2e-5)
+    found, se = result.pooled.temperature_slope
+    assert found * at_50 == pytest.approx(slope, abs=4.0 * se + 2e-5)
     error, _ = force_errors(result.pooled, lambda d: at_50 * bench.force(d))
     assert error < 1e-3
     alone = fitted(Bench(temperatures=(22.0,)))
-    assert alone.temperature.matters is None
+    assert alone.temperature_matters is None
     record = bench.record()
     record.pop("temperature_degC")
     assert not fit_stiffness(record, SETTINGS).laws
@@ -125,7 +125,7 @@ def test_another_law_is_met_within_the_stated_misfit(exponent):
     assert not result.quadratic_supported
     assert any("the law misses by up to" in text for text in result.pooled.warnings)
     force = np.concatenate([c.middle_N_m for c in result.recording.curves])
-    x = [c.position_m - result.contact_m[c.test] for c in result.recording.curves]
+    x = [c.position_m - result.pooled.contact_m[c.test] for c in result.recording.curves]
     off = result.pooled.law.force(np.concatenate(x)) / force - 1.0
     high = force > 0.1 * force.max()
     assert np.max(np.abs(off[high])) < 1.5 * result.pooled.misfit + 0.002

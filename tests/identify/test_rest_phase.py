@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.identify.friction.rest import against_stated, rest_state
+from beltid.identify.friction.channels import against_stated, rest_state
 from beltid.identify.friction.run import RunRejected
 
 

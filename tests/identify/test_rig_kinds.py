@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from virtual_rig import reduce_runs
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import KnownCell, RigKind, drag_of
-from beltid.identify.friction.plateaus import reduce_plateaus
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
-from beltid.identify.friction.run import run_records
+from beltid.identify.friction.reduction import RunReduction, reduce_plateaus
+from beltid.identify.friction.run import KnownCell, RigKind, drag_of, run_records
 from beltid.stages.friction import reduction_columns
 
 R = 0.05

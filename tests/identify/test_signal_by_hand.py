@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from beltid.identify.estimators.signal import (
+from beltid.identify.estimators import (
     NOISE_FLOOR,
     block_means,
     difference_sigma,

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
-from beltid.identify.slip.slip import fit_slip, pooled_means
+from beltid.identify.slip import OK, SIGNIFICANT, fit_slip, pooled_means, required_pulley_speeds
 
 TORQUES = np.arange(0.0, 17.0)
 TRUE = np.tile(0.01 * TORQUES * 0.05, 2)  # sliding speeds of `drive` at two speeds

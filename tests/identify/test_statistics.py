@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltid.identify.estimators.statistics import (
+from beltid.identify.estimators import (
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,

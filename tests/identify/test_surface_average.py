@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from beltid.identify.surface.average import average
-from beltid.identify.surface.curves import Curve, Grid, Points, grid_of
+from beltid.identify.surface.surface import Curve, Grid, Points, average, grid_of
 
 SPEEDS = np.array([0.01, 0.02, 0.04])
 

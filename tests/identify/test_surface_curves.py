@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltid.identify.surface.curves import Curve, Points, grid_of
+from beltid.identify.surface.surface import Curve, Points, grid_of
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 

@@ -21,6 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from beltid.identify.friction.reduction import reduce_records
+from beltid.identify.friction.run import TWO_CELLS, run_records
+
+
+def reduce_runs(columns, R, kind=TWO_CELLS):
+    return reduce_records(run_records(columns, R, kind), R)
+
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

@@ -7,11 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from beltid.plan.advice import choose_plan
-from beltid.plan.design import Knowledge, RunRows, needed_for
-from beltid.plan.session import schedule
-from beltid.plan.target import Target, surface_target
-from beltid.refine.curves import Curves
+from beltid.plan.advice import Target, choose_plan, schedule, surface_target
+from beltid.plan.knowledge import Knowledge, RunRows, needed_for
+from beltid.refine.posterior import Curves
 from beltid.uncertainty.sources import Source
 
 GAIN = Source("gain of the torque", "torque_gain", 0, 0.01, "%", 0.01, "stated")

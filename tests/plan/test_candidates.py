@@ -21,7 +21,7 @@ from beltid.plan.candidates import (
 )
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import ARC, Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)

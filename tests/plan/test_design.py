@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from beltid.plan.design import Knowledge, RunRows, choose_runs
+from beltid.plan.knowledge import Knowledge, RunRows, choose_runs
 
 
 def line(x: np.ndarray, shared: float = 0.0, arcs: int = 1) -> RunRows:

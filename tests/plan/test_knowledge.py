@@ -14,8 +14,8 @@ from beltid.plan.knowledge import (
     speeds_for,
     usual_surface,
 )
-from beltid.refine.curves import Curves
-from beltid.uncertainty.budget import SurfaceUncertainty
+from beltid.refine.posterior import Curves
+from beltid.uncertainty.sources import SurfaceUncertainty
 
 FORCES = np.linspace(np.log(400.0), np.log(12000.0), 8)
 SPEEDS = np.log([0.0025, 0.01, 0.04])

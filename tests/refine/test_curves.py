@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltid.refine.curves import Curves
+from beltid.refine.posterior import Curves
 
 FORCES = np.log(np.geomspace(300.0, 15000.0, 12))
 SPEEDS = np.log([0.0025, 0.005, 0.0105, 0.042])

@@ -12,10 +12,8 @@ from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, sol
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
-from beltid.refine.effects import campaign_effects
-from beltid.refine.inverse import RefinedSurface, refine_surface
-from beltid.refine.posterior import SCATTER
-from beltid.refine.shown import ShownEffect, shown_effects
+from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
+from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE, Source
@@ -73,7 +71,7 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
 def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
     found = solved("5pk", 0.005, SMALL)
-    posterior, q = found.posterior, found.parameters.size
+    posterior, q = found.fit.posterior, found.parameters.size
     B = np.hstack(list(found.curves.coordinates().values()))
     whole = B @ posterior.covariance[:q, :q] @ B.T
     np.testing.assert_allclose(found.scatter + found.changes @ found.changes.T, whole, atol=1e-9)
@@ -93,8 +91,8 @@ def test_a_run_that_is_far_off_loses_its_weight() -> None:
     of = campaign("5pk", NOISE, TWO)
     mu = of.measured.mu * np.where(np.arange(N) == 7, 1.10, 1.0)
     refined = refine_surface(replace(of, measured=replace(of.measured, mu=mu)), TWO)
-    assert refined.weight[7] < 0.1
-    assert np.mean(refined.weight) > 0.95
+    assert refined.fit.weight[7] < 0.1
+    assert np.mean(refined.fit.weight) > 0.95
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.003
 
 

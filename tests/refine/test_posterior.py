@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltid.refine.curves import Curves
-from beltid.refine.effects import BEFORE, Effect
-from beltid.refine.posterior import CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS, LinearRuns
+import beltid.refine.posterior as refined
+from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
 from beltid.uncertainty.sources import ARC, ORDER
 
 N, FORCES = 60, np.log(np.geomspace(300.0, 15000.0, 8))
-CURVES = Curves(FORCES, np.log([0.0025, 0.01, 0.04]))
+CURVES = refined.Curves(FORCES, np.log([0.0025, 0.01, 0.04]))
 SE = 0.002
 SIZES = {CURVE: 0.04, DIFFERENCE: 0.01, NOISE: 1.0, SCATTER: 0.001}
 B = np.hstack(list(CURVES.coordinates().values()))
 
 
-def runs(seed: int = 1, arcs: int = 3) -> LinearRuns:
+def runs(seed: int = 1, arcs: int = 3) -> refined.LinearRuns:
     """Runs at random forces and speeds, arcs in turn; no data yet."""
     rng = np.random.default_rng(seed)
     rows = np.zeros((N, 3, 8))
@@ -27,19 +26,19 @@ def runs(seed: int = 1, arcs: int = 3) -> LinearRuns:
     parts = CURVES.coordinates()
     ends = np.cumsum([0, *(Z.shape[1] for Z in parts.values())]).tolist()
     arc = np.eye(arcs)[np.arange(N) % arcs]
-    return LinearRuns(
+    return refined.LinearRuns(
         y=np.zeros(N),
         X=rows.reshape(N, -1) @ B,
         parts={part: slice(*ends[i : i + 2]) for i, part in enumerate(parts)},
         errors=np.full(N, SE),
         response=np.ones(N),
-        effects=(Effect(ARC, arc, BEFORE[ARC]),),
+        effects=(refined.Effect(ARC, arc, BEFORE[ARC]),),
     )
 
 
 def with_data(
-    model: LinearRuns, seed: int, arcs: np.ndarray | float = 0.0
-) -> tuple[LinearRuns, np.ndarray]:
+    model: refined.LinearRuns, seed: int, arcs: np.ndarray | float = 0.0
+) -> tuple[refined.LinearRuns, np.ndarray]:
     """Draw a surface, effects of arcs and noise; return data and coordinates."""
     rng = np.random.default_rng(seed)
     h = np.sqrt(model.prior_variance(SIZES)) * rng.standard_normal(model.X.shape[1])
@@ -96,7 +95,7 @@ def test_an_effect_that_another_one_or_a_shared_error_can_replace_has_no_evidenc
     """A campaign sorted by arcs: arcs or order. Arcs set wrongly as stated."""
     arc = np.repeat(np.eye(2), N // 2, axis=0)
     order = np.linspace(-0.5, 0.5, N)[:, None]
-    in_order = Effect(ARC, arc, BEFORE[ARC]), Effect(ORDER, order, BEFORE[ORDER])
+    in_order = refined.Effect(ARC, arc, BEFORE[ARC]), refined.Effect(ORDER, order, BEFORE[ORDER])
     data, _ = with_data(replace(runs(arcs=2), effects=in_order[:1]), 6, np.array([0.0, 0.02]))
     data = replace(data, effects=in_order)
     assert data.log_evidence_for([ARC, ORDER]) > np.log(20.0)

@@ -17,8 +17,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, GivenForce, Rig
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import Campaign
 
 TRUTH = Path(__file__).parents[1] / "truth"

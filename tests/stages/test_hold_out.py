@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
-from beltid.identify.agreement.hold_out import between_speeds, folds
+from beltid.identify.agreement import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.cross_validate import Predicted, predict
 from beltid.stages.inputs import press_law
@@ -125,7 +125,7 @@ def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:
     columns = bench(speeds=SPEEDS[::4])
     effect = np.select([columns["arc_deg"] == arc for arc in (40, 68, 82)], [1.02, 0.98, 1.0])
     last = without_arc({**columns, "mu_sliding": columns["mu_sliding"] * effect}, -1)
-    of_arc = [k for k, source in enumerate(last.sources) if source.error == "arc_effect"]
+    of_arc = [k for k, source in enumerate(last.part.sources) if source.error == "arc_effect"]
     assert len(of_arc) == 3
     part = last.part.difference[:, of_arc]
     ratio = np.linalg.norm(part, axis=1) / np.abs(part[:, -1])

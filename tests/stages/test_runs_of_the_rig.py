@@ -11,7 +11,8 @@ import pytest
 
 from beltid.config import load_config
 from beltid.errors import InputError
-from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.friction.reduction import reduce_records
+from beltid.identify.friction.run import run_records
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
 from beltid.stages.planned_runs import planned_runs
@@ -46,7 +47,9 @@ def test_the_sliding_limit_survives_the_reduction_exactly() -> None:
     pairs = [(r, Limit(300.0, 300.0 / math.exp(0.7 * math.radians(r.arc_deg)))) for r in runs]
     columns = recording_columns(pairs, CONFIG)  # type: ignore[arg-type]
     assert tuple(columns) == schemas.table("simulated").names
-    reduced = reduce_runs(columns, CONFIG.rig.pulley_radius_m)
+    reduced = reduce_records(
+        run_records(columns, CONFIG.rig.pulley_radius_m), CONFIG.rig.pulley_radius_m
+    )
     assert [r.run for r in reduced] == [run.label for run in runs]
     for run, r in zip(runs, reduced, strict=True):
         assert r.status == "ok"

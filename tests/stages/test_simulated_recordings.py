@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import beltid
-from beltid.identify.friction.reduction import reduce_runs
+from beltid.identify.friction.reduction import reduce_records
+from beltid.identify.friction.run import run_records
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 
@@ -53,7 +54,9 @@ def test_the_level_of_every_run_is_that_on_which_it_settles(belt: str) -> None:
         last = one.recording.iloc[-1]
         settled.append(np.log(last.tension_tight_N / last.tension_slack_N) / np.radians(arc))
     columns = pd.concat(parts)
-    runs = reduce_runs({name: columns[name].to_numpy() for name in columns}, 0.05)
+    runs = reduce_records(
+        run_records({name: columns[name].to_numpy() for name in columns}, 0.05), 0.05
+    )
     assert {run.status for run in runs} == {"ok"}
     off = np.array([run.mu_sliding for run in runs]) / settled - 1.0
     assert np.sqrt(np.mean(off**2)) < 6e-5

@@ -12,9 +12,8 @@ import pytest
 import beltid
 from beltid.config.model import UncertaintySection
 from beltid.stages.inputs import standard_uncertainties
-from beltid.uncertainty.agreement import validated
-from beltid.uncertainty.reduced import friction_uncertainty
-from beltid.uncertainty.simulated import RunsUncertainty
+from beltid.uncertainty.measured import friction_uncertainty
+from beltid.uncertainty.simulated import RunsUncertainty, validated
 from beltid.uncertainty.sources import reduction_sources
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"

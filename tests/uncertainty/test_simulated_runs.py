@@ -13,9 +13,13 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Contact, OperatingPoint
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.agreement import Validation
-from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import SimulatedUncertainty, simulated_uncertainty
+from beltid.uncertainty.measured import PressLaw
+from beltid.uncertainty.simulated import (
+    MESH_SHARE,
+    RunsUncertainty,
+    Validation,
+    simulated_uncertainty,
+)
 from beltid.uncertainty.sources import StandardUncertainties, rig_sources, with_rig_sources
 
 POINTS = [
@@ -36,7 +40,7 @@ def bench(surface: FrictionSurface) -> Bench:
     return Bench(BELT, RIG, Contact(), LAW, surface)
 
 
-def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> SimulatedUncertainty:
+def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> RunsUncertainty:
     press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
     return simulated_uncertainty(
         bench(surface), press, POINTS, ARC, rig_sources(given, 2), elements=40
@@ -48,7 +52,7 @@ def log_mu(surface: FrictionSurface, point: OperatingPoint) -> float:
 
 
 @pytest.fixture(scope="module")
-def plain() -> SimulatedUncertainty:
+def plain() -> RunsUncertainty:
     return doubt(scaled(1.0))
 
 
@@ -65,7 +69,7 @@ def by_sensitivity() -> np.ndarray:
 
 
 def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
-    plain: SimulatedUncertainty, by_sensitivity: np.ndarray
+    plain: RunsUncertainty, by_sensitivity: np.ndarray
 ) -> None:
     # the first source scales all nodes together; one more column is scatter
     nodes = np.ones(TRUE_SURFACE.mu_nodes.shape)
@@ -82,7 +86,7 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
 
 
 def test_without_a_covariance_the_standard_errors_add_up(
-    plain: SimulatedUncertainty, by_sensitivity: np.ndarray
+    plain: RunsUncertainty, by_sensitivity: np.ndarray
 ) -> None:
     np.testing.assert_allclose(plain.scatter, OWN * by_sensitivity, rtol=0.05)
     np.testing.assert_allclose(
@@ -91,7 +95,7 @@ def test_without_a_covariance_the_standard_errors_add_up(
 
 
 def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
-    plain: SimulatedUncertainty,
+    plain: RunsUncertainty,
 ) -> None:
     errors = [source.error for source in rig_sources(GIVEN, 2)]
     of_measured = plain.simulated - plain.difference
@@ -102,9 +106,7 @@ def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
     np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
 
 
-def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(
-    plain: SimulatedUncertainty,
-) -> None:
+def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: RunsUncertainty) -> None:
     surface, step = scaled(1.0), 1e-3
     for i, point in enumerate(POINTS):
         for k, name in enumerate(("T_0", "omega")):
@@ -115,10 +117,11 @@ def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(
             assert plain.by_setting[i, k] == pytest.approx((up - down) / (2 * step), abs=2e-3)
 
 
-def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: SimulatedUncertainty) -> None:
+def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: RunsUncertainty) -> None:
     for i, point in enumerate(POINTS):
         fine = simulate(bench(scaled(1.0)), point, SimulationSettings("steady", 80)).mu
-        assert plain.mesh[i] == pytest.approx(abs(math.log(fine / plain.mu[i])), abs=1e-7)
+        change = abs(math.log(fine / plain.mu[i]))
+        assert plain.numerical[i] == pytest.approx(MESH_SHARE * change, abs=4e-8)
 
 
 def test_sources_a_surface_knows_are_kept_as_they_were() -> None:

@@ -11,16 +11,17 @@ import pytest
 from virtual_bench import GIVEN, LAW
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, RigKind
+from beltid.identify.friction.run import SPANS, RigKind
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
-from beltid.uncertainty.budget import Scatter, budget, combined
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import (
     Errors,
+    Scatter,
     StandardUncertainties,
     all_sources,
+    budget,
+    combined,
     press_sources,
     rig_sources,
 )
@@ -126,8 +127,6 @@ def test_radius_and_speed_move_force_and_sliding_speed():
 def test_an_error_as_large_as_a_tension_is_refused():
     with pytest.raises(InputError, match="lowest tension 70 N"):
         runs().corrected(errors(cell_offset=[0.0, -71.0]))
-    with pytest.raises(InputError, match=r"uncertainty\.arc = -1"):
-        StandardUncertainties({"arc": -1.0})
 
 
 def test_gains_of_the_press_scale_the_coefficients():

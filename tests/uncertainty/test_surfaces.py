@@ -9,7 +9,7 @@ import pytest
 from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
-from beltid.uncertainty.published import changes_at_nodes, published_changes, published_grid
+from beltid.uncertainty.measured import changes_at_nodes, published_changes, published_grid
 from beltid.uncertainty.rig_runs import (
     INPUTS,
     MESH,
@@ -80,7 +80,8 @@ def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
     for times in (1.0, 0.1):  # of the stated standard errors
         measured = replace(campaign.measured, mu_se=times * campaign.measured.mu_se)
         # a factor of 0.5 % on the surface
-        measured = measured.with_columns("shared_cells", 0.005 * response[:, None])
+        cells = {"shared_cells": 0.005 * response[:, None]}
+        measured = replace(measured, columns={**measured.columns, **cells})
         sources = reduction_sources(measured.columns)
         found = refine_surface(replace(campaign, measured=measured), SMALL.speeds, sources)
         np.testing.assert_allclose(found.uncertainty.changes[..., 0], 0.005, rtol=0.02)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltid.config import load_config
-from beltid.identify.friction.kinds import RigKind
+from beltid.identify.friction.run import RigKind
 from beltid.stages.inputs import standard_uncertainties
-from beltid.uncertainty.reduced import friction_uncertainty
+from beltid.uncertainty.measured import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
 R = 0.05

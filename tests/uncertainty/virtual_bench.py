@@ -19,8 +19,7 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.refine.inverse import refine_surface
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import StandardUncertainties, all_sources, reduction_sources
 

@@ -1,19 +1,6 @@
-"""Reduce recordings of the friction rig to one friction coefficient per run.
+"""Reduce recordings of the friction rig to one friction coefficient per run, Eqs. (5) to (8).
 
-=========== ============================================================= ==================
-Module      Responsibility                                                Equation
-=========== ============================================================= ==================
-run         settings; split a recording into runs; result of a run        (6), (8)
-kinds       tensions of both spans from the channels of each rig kind     (6), (7)
-channels    gaps, spikes, dead and clipped cells; rotation and sliding    --
-rest        readings of the cells at rest, and their slopes               --
-prepare     first pass: each run alone, its block means                   (7), (S1)
-bench_model second pass: all runs in one mixed model, level of each run   (S2)
-cells       zeros and gains of the cells                                  (S3), (S4)
-reduction   both passes; plateau, sticking peak and status of a run       --
-plateaus    rows of a table                                               (6)
-=========== ============================================================= ==================
-
-`prepare.prepare_run` processes each run alone, `bench_model.fit_bench` then all runs together;
-`run.RunReduction.set_plateau` applies equations (6) and (8).
+`run` derives the tensions and splits a recording, `prepare` processes each run alone on its
+`channels`, (S1), `bench_model` then all runs together, (S2), `cells` the zeros and gains of the
+cells, (S3) and (S4); `reduction` leads through both passes and sets plateau, peak and status.
 """

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.friction.prepare import SlidingRecord
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size, root
 
 Array = NDArray[np.float64]
 
@@ -158,11 +158,6 @@ class Bench:
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
 
-    @property
-    def slow_noise(self) -> list[tuple[str, Array]]:
-        """Names and covariances of the zeros that wander over most of a run."""
-        return [(f"memory {MEMORIES_S[-2]:g} s", self.memory[-2]), ("walk", self.memory[-1])]
-
     def tail(self, powers: Array) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
         u = self.travel[..., None] / (LENGTHS_M * np.exp(self.settings @ powers)[:, None, None])
@@ -218,16 +213,14 @@ class RunLevel:
 
     def tail(self, travel: Array) -> Array:
         """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
-        columns, slopes = self.fit.exponentials(self.k, travel)
-        own = np.column_stack([columns @ self.fit.A, slopes @ self.fit.A])
-        return np.asarray(columns @ self.fit.A + own @ self.fit.own[0][self.k])
+        own = self.fit.exponentials(self.k, travel)[1]
+        return np.asarray(own[:, 0] + own @ self.fit.own[0][self.k])
 
     def at(self, travel: float) -> tuple[float, float]:
         """Return z of the model and its error at a travel since the end of the build-up [m]."""
         fit, k = self.fit, self.k
-        columns, slopes = fit.exponentials(k, np.array([travel]))
+        columns, (h,) = fit.exponentials(k, np.array([travel]))
         _, covariance, lean = (part[k] for part in fit.own)
-        h = np.array([columns[0] @ fit.A, slopes[0] @ fit.A])
         variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
         # an error of what all runs share moves level and tail together
         place = fit.posterior.model.places["tail"]
@@ -251,11 +244,11 @@ class BenchFit:
     converged: bool  # whether the search for the sizes ended
 
     def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
-        """Return the exponentials of run k and their derivatives by ln of the length, in z."""
+        """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
         length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
         u = travel[:, None] / length
         columns = self.bench.level[k] * np.exp(-u)
-        return columns, u * columns
+        return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
 
     @cached_property
     def own(self) -> tuple[Array, Array, Array]:
@@ -276,14 +269,16 @@ class BenchFit:
         p, bench = self.posterior, self.bench
         places = p.model.places
         drifts = slice(places["zeros"].start, places["drift"].stop)
-        error = -p.level_shift @ p.factor
-        drift = -p.level_shift[:, drifts] @ p.factor[drifts]
+        factor = root(p.covariance)
+        error = -p.level_shift @ factor
+        drift = -p.level_shift[:, drifts] @ factor[drifts]
         # one column stands for all directions: its sign is that of the correlation with the mean
         size = np.linalg.norm(error, axis=1)
         share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
-        slow = sum(p.sizes[name] ** 2 * V for name, V in self.bench.slow_noise)
+        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * bench.memory[-2]
+        slow = slow + p.sizes["walk"] ** 2 * bench.memory[-1]
         wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
         ends = [(2, int(np.flatnonzero(one)[-1])) for one in bench.one]
         of_mu = float(p.of("drift")[0][0])

@@ -26,7 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.mixed import Mixed, Own, Shared, Size
+from beltid.identify.friction.prepare import SlidingRecord
+from beltid.identify.friction.run import RunReduction
+from beltid.mixed import Mixed, Own, Shared, Size, root
 
 Array = NDArray[np.float64]
 
@@ -46,22 +48,6 @@ NOTED = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """What the runs tell of the cells, shape (R,) unless stated otherwise."""
-
-    difference_N: Array
-    """Difference of the cells at rest (tight less slack), its standard error, mean of both."""
-    se_N: Array
-    tension_N: Array
-    sliding_N: Array  # tight and slack tension while sliding, (R, 2)
-    level: Array  # ln(T_tight/T_slack) while sliding, and its standard error
-    level_se: Array
-    direction: Array  # 1, or -1 where the cells have changed places
-    arc: Array  # contact arc [rad], pulley speed [rad/s]
-    speed: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class CellErrors:
     """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,)."""
 
@@ -73,29 +59,41 @@ class CellErrors:
     notes: tuple[str, ...]  # note to the user on each run; empty if there is none
 
 
-def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False) -> CellErrors:
+def cell_errors(
+    runs: Sequence[RunReduction],
+    records: Sequence[SlidingRecord],
+    level: Array,
+    level_se: Array,
+    gain_rel: float = 2e-3,
+    free_at_rest: bool = False,
+) -> CellErrors:
     """Estimate the errors (S4).
 
     Parameters
     ----------
-    r : Readings
-        The runs.
+    runs, records : sequence of RunReduction, sequence of SlidingRecord
+        The runs, with their rest and their sliding.
+    level, level_se : ndarray, shape (R,)
+        ln(T_tight/T_slack) while sliding, and its standard error.
     gain_rel : float
         Stated standard uncertainty of the gain of a cell.
     free_at_rest : bool
         Whether the belt holds no friction at rest.
     """
-    T, d, D = r.tension_N, r.direction, r.difference_N
+    T, D, se = np.array(
+        [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
+    ).T
+    d, noise = np.where([run.swapped for run in runs], -1.0, 1.0), np.maximum(se, 1e-5 * T)
     unit = float(np.median(T))
     gains = [(k * max(np.sqrt(2.0) * gain_rel, 1e-6), p) for k, p in GAINS]
     shared = [Shared("zero", d[:, None] * unit, choices=ZEROS)]
     if both_ways := bool(np.ptp(d) > 0.0):
-        gain, gain_sd = _gain_by_directions(r, gains)
+        gain, gain_sd = _gain_by_directions(runs, T, d, level, level_se, gains)
         shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
     elif free_at_rest:
         shared.append(Shared("gain", (d * T)[:, None], choices=gains))
     own = [
-        Own("noise", Size(1.0), diagonal=np.maximum(r.se_N, 1e-5 * T)),
+        Own("noise", Size(1.0), diagonal=noise),
         Own("own zero", OWN_ZERO, diagonal=np.full(D.size, unit)),
     ]
     if not free_at_rest:
@@ -107,10 +105,10 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     posterior = model.fit()
     own_zero_N = posterior.sizes["own zero"] * unit
     held = posterior.sizes.get("own held", 0.0) * T
-    part = own_zero_N**2 / (np.square(np.maximum(r.se_N, 1e-5 * T)) + own_zero_N**2 + held**2)
+    part = own_zero_N**2 / (np.square(noise) + own_zero_N**2 + held**2)
     zeta = posterior.mean[0] * unit
     zeros = zeta + d * part * posterior.residual[0]
-    inverse = 1.0 / r.sliding_N
+    inverse = 1.0 / np.array([record.tensions_N for record in records])
     q, q_common = 0.5 * inverse.sum(axis=1), 0.5 * (inverse[:, 1] - inverse[:, 0])
     # changes of e by the coefficients: through zeta, and through w, which the residual gives
     slopes = -(q * part)[:, None] * model.X[0]
@@ -121,7 +119,7 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
         slopes[:, 1] += d
     # the common error of both zeros has the size of their difference
     zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
-    columns = np.column_stack([slopes @ posterior.factor, q_common * zero_size])
+    columns = np.column_stack([slopes @ root(posterior.covariance), q_common * zero_size])
     mean = d * (q * zeros + gain)
     sign = np.where(mean < 0.0, -1.0, 1.0)
     return CellErrors(
@@ -134,21 +132,30 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     )
 
 
-def _gain_by_directions(r: Readings, gains: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def _gain_by_directions(
+    runs: Sequence[RunReduction],
+    T: Array,
+    d: Array,
+    level: Array,
+    level_se: Array,
+    gains: Sequence[tuple[float, float]],
+) -> tuple[float, float]:
     """Return the difference of the gains and its error from ln mu over the settings."""
-    log_mu = np.log(np.maximum(r.level, 1e-6) / r.arc)
-    x, v = (np.log(a) - np.log(a).mean() for a in (r.tension_N, r.speed))
-    arcs = (np.round(r.arc, 3)[:, None] == np.unique(np.round(r.arc, 3))).astype(float)
+    arc = np.radians([run.arc_deg for run in runs])
+    speed = np.array([run.pulley_speed_rad_s for run in runs])
+    log_mu = np.log(np.maximum(level, 1e-6) / arc)
+    x, v = (np.log(a) - np.log(a).mean() for a in (T, speed))
+    arcs = (np.round(arc, 3)[:, None] == np.unique(np.round(arc, 3))).astype(float)
     model = Mixed(
         log_mu,
         [
             Shared("mean", np.ones((x.size, 1))),
             Shared("powers", np.column_stack([x, v, x**2, v**2, x * v]), Size(SETTINGS)),
             Shared("arcs", arcs, Size(ARCS)),
-            Shared("gain", (r.direction / r.level)[:, None], choices=gains),
+            Shared("gain", (d / level)[:, None], choices=gains),
         ],
         [
-            Own("noise", Size(1.0), diagonal=r.level_se / r.level),
+            Own("noise", Size(1.0), diagonal=level_se / level),
             Own("scatter", SCATTER, diagonal=np.ones(x.size)),
         ],
     )

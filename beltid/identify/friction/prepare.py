@@ -18,27 +18,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.estimators.signal import (
+from beltid.identify.estimators import (
     NOISE_FLOOR,
     block_means,
     difference_sigma,
     line_columns,
+    mad_sigma,
+    median,
     strongest_line,
 )
-from beltid.identify.estimators.statistics import mad_sigma, median
 from beltid.identify.friction.channels import (
     Channels,
+    Rest,
     Rotation,
     SlidingPhase,
     as_if_held,
     find_rotation,
     read_channels,
+    rest_state,
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.kinds import SPANS, Span
-from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import NAN, RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import NAN, SPANS, RunRecord, RunReduction, RunRejected, Span
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
     found, sliding
         What its own record gives, and its sliding phase; None if the status is final.
     """
-    run = RunReduction.of(record)
+    run = replace(record.result)
     try:
         return run, _sliding(run, record, R)
     except RunRejected as reason:

@@ -1,7 +1,18 @@
-"""Contact stiffness from a compression press: the quadratic normal law, Eq. (3).
+"""Contact stiffness from a compression press: the quadratic normal law, Eq. (3), as a mixed model.
 
-A segment of belt is pressed into a grooved plate and released. The law of each temperature and the
-pooled law at the reference temperature are fitted by :func:`beltid.identify.press.law.fit_law`.
+A segment of belt is pressed into a grooved plate and released. The curve midway between the
+branches of test j, in contact from p_j on, is
+
+    f(x) = (1 + v_j + theta (T_j - T_ref)) F(y) + b(y) + c_j + e,      y = x - p_j,
+    F(y) = k_linear y + k_quadratic y²,
+
+with free contact points p_j; the loop of the belt is odd and leaves the middle. Random effects, of
+sizes that the data tell: v_j of the belt segment; the slope theta over the temperature; the misfit
+b of the law, a smooth process that all tests share, in proportion to sqrt(F F_top); e, white and
+correlated along the curve. Of known size are the zero c_j of the load cell, and a share of what
+reversals of the crosshead may add, where the branches separate gradually. If the belt was never
+unloaded, half the loop is an unknown share of the force.
+
 Hysteresis does not count as an error of the law; see ``hysteresis_ratio`` and ``rms_residual_N_m``.
 What no press recording shows (virgin rubber, slower or faster loading) is for the user to state.
 """
@@ -11,21 +22,43 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import NumericsError
-from beltid.identify.press.curves import PressCurve, PressRecording, read_recording
-from beltid.identify.press.law import FittedLaw, fit_law
-from beltid.identify.press.recording import StiffnessSettings
+from beltid.errors import FitError, NumericsError
+from beltid.identify.estimators import difference_sigma
+from beltid.identify.press.recording import (
+    PressCurve,
+    PressRecording,
+    StiffnessSettings,
+    read_recording,
+)
 from beltid.laws.penalty import NormalLaw
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size, relinearised
 
-SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
-RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
-CLEAR = 2.6  # standard errors beyond which a slope is significant
-DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
-LINE_FORCE_N_M = (1.0e2, 1.0e6)
+Array = NDArray[np.float64]
+
+Sizes = Mapping[str, float]
+
+CORRELATED = Size(3e-6, 2.0, 0.3)
+SEGMENT = Size(1e-4, 2.0, 0.3)
+TEMPERATURE = Size(3e-3, 2.0, 0.3)
+MISFIT = Size(3e-6, 2.0, 0.3)
+"""Priors of the sizes, as shares of the force (SEGMENT, TEMPERATURE per 50 K) or of its largest."""
+REVERSAL = Size(1.0)
+"""Of the part of the missing width of the loop that is due to a reversal."""
+LOOP = Size(0.1)
+"""Half the loop of a belt that was never unloaded, over the force: half of 20 %."""
+REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
+CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
+SMOOTH: Final = 0.15  # length of the misfit
+KNOTS: Final = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
+PER_KELVIN: Final = 1.0 / 50.0
+ROUNDING: Final = 1e-6  # of a force, over the largest
+LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the largest force
+LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +69,9 @@ class LawEstimate:
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
     covariance: tuple[float, float, float, float]  # of both coefficients, row by row
+    temperature_slope: tuple[float, float]
+    """Relative change of the force per K, and its standard error."""
+    sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
     rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
     hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
@@ -65,14 +101,262 @@ class LawEstimate:
         return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureEffect:
-    """Influence of temperature on the force."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scaled:
+    """Nodes of the curves, padded to (R, m): positions over the span, forces over the largest."""
 
-    slope_per_K: float  # relative change of the force; nan with a single temperature
-    slope_se_per_K: float
-    matters: bool | None  # true if significant and relevant; None with fewer than two temperatures
-    statement: str  # result in plain words
+    x: Array
+    f: Array
+    used: Array  # 1 for a node, 0 for padding
+    zero: Array  # uncertainty of the zeros (R, 1)
+    warmer: Array  # (T - T_ref)/50 K, (R, 1)
+    noise: float  # of a node, from differences between neighbours
+    span: float
+    top: float
+    unloads: bool
+    turn: Array  # what a reversal may add (R, m)
+
+    @classmethod
+    def of(cls, curves: Sequence[PressCurve], reference_degC: float) -> _Scaled:
+        """Scale the curves."""
+        span = max(c.top_position_m - c.touch_m for c in curves)
+        top = max(c.top_force_N_m for c in curves)
+        m = max(c.position_m.size for c in curves)
+        rows = [np.pad(np.ones(c.position_m.size), (0, m - c.position_m.size)) for c in curves]
+        # positions from where the force begins: numbers of order one
+        x = [(c.position_m - c.touch_m) / span for c in curves]
+        noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
+        warmer = [c.recorded.temperature_degC - reference_degC for c in curves]
+        return cls(
+            x=np.array([np.pad(v, (0, m - v.size), mode="edge") for v in x]),
+            f=np.array([np.pad(c.middle_N_m / top, (0, m - c.position_m.size)) for c in curves]),
+            used=np.array(rows),
+            zero=np.array([[c.zero_u_N_m / top] for c in curves]),
+            warmer=PER_KELVIN * np.nan_to_num(np.array(warmer)[:, None]),
+            noise=max(float(np.median(noise)) / top, ROUNDING),
+            span=span,
+            top=top,
+            unloads=curves[0].unloads,
+            turn=np.array([np.pad(c.turn_N_m / top, (0, m - c.turn_N_m.size)) for c in curves]),
+        )
+
+    def start(self) -> tuple[Array, Array]:
+        """Return k and contact points from a parabola through every curve (closed form)."""
+        parabolas = [
+            np.polynomial.Polynomial.fit(x[u > 0], f[u > 0], 2).convert().coef
+            for x, f, u in zip(self.x, self.f, self.used, strict=True)
+        ]
+        a, b, c = np.median(parabolas, axis=0)
+        if c <= 0.0:
+            k = np.array([max(float(np.polyfit(self.x.ravel(), self.f.ravel(), 1)[0]), 1e-6), 0.0])
+        else:
+            k = np.array([math.sqrt(max(b * b - 4.0 * a * c, 0.0)), c])
+        root = np.sqrt(k[0] ** 2 + 4.0 * k[1] * np.maximum(self.f, 0.0))
+        y = 2.0 * np.maximum(self.f, 0.0) / np.maximum(k[0] + root, 1e-9)
+        return k, np.sum((self.x - y) * self.used, axis=1) / self.used.sum(axis=1)
+
+    def design(self, k: Array, p: Array, free: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Return penetrations, forces (R, m) and derivatives by free coefficients and contacts."""
+        y = np.maximum(self.x - p[:, None], 0.0)
+        terms = np.stack([y, y**2], axis=-1)
+        slope = -(k[0] + 2.0 * k[1] * y)[..., None] * np.eye(len(p))[:, None, :]
+        columns = np.concatenate([terms[..., free], slope], axis=-1) * self.used[..., None]
+        return y, terms @ k, columns
+
+    def misfit(self, y: Array, columns: Array) -> Array:
+        """Return columns of the misfit (R, m, 12): what the law itself cannot take up of it."""
+        smooth = np.sqrt(np.maximum(self.f, 0.0)) * self.used
+        smooth = smooth[..., None] * _smooth(y / np.max(y * self.used))
+        T, flat = columns.reshape(-1, columns.shape[-1]), smooth.reshape(-1, KNOTS.size)
+        return (flat - T @ np.linalg.lstsq(T, flat, rcond=1e-12)[0]).reshape(smooth.shape)
+
+    def model(
+        self, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes, y0: Array, misfit: Array
+    ) -> Mixed:
+        """Linearise the model about k and p; the random effects are those at penetrations y0."""
+
+        def size(name: str, prior: Size) -> Size:
+            return Size(known[name]) if name in known else prior
+
+        used, s = self.used, y0 / np.max(y0 * self.used)
+        _, F, columns = self.design(k, p, free)
+        shared = [Shared("law", columns), Shared("misfit", misfit, size("misfit", MISFIT))]
+        if np.any(self.warmer):
+            slope = F * self.warmer * used
+            shared.append(Shared("temperature", slope, size("temperature", TEMPERATURE)))
+        if not self.unloads:
+            loop = np.stack([F, np.max(F) * s * (1.0 - s)], axis=-1) * used[..., None]
+            shared.append(Shared("loop", loop, LOOP))
+        elif np.any(self.turn):
+            turn = np.stack([self.turn, self.turn * (1.0 - s) / REACH], axis=-1)
+            shared.append(Shared("reversal", turn, REVERSAL))
+        near = np.exp(-np.abs(s[:, :, None] - s[:, None, :]) / CORRELATION)
+        near = near * used[:, :, None] * used[:, None, :]
+        own = [
+            Own("noise", size("noise", Size(self.noise, 0.7, 0.3)), diagonal=used),
+            Own("correlated", size("correlated", CORRELATED), covariance=near),
+            Own("segment", size("segment", SEGMENT), columns=F * used),
+            Own("zero", Size(1.0), columns=self.zero * used),
+            Own("rounding", Size(ROUNDING), diagonal=used),
+        ]
+        return Mixed((self.f - F) * used, shared, own)
+
+
+def _smooth(s: Array) -> Array:
+    """Return columns of a process with covariance exp(-(s - s')²/(2 l²)), shape (..., 12)."""
+
+    def kernel(a: Array, b: Array) -> Array:
+        return np.asarray(np.exp(-0.5 * ((a[..., None] - b) / SMOOTH) ** 2))
+
+    L = np.linalg.cholesky(kernel(KNOTS, KNOTS) + 1e-9 * np.eye(KNOTS.size))
+    return np.asarray(np.linalg.solve(L, kernel(s, KNOTS)[..., None])[..., 0])
+
+
+def fit_law(
+    curves: Sequence[PressCurve],
+    reference_degC: float = math.nan,
+    known: Sizes | None = None,
+    temperature_degC: float | None = None,
+) -> LawEstimate:
+    """Fit the law to the curves of one or several tests.
+
+    Parameters
+    ----------
+    curves : sequence of PressCurve
+        Curves of one bench.
+    reference_degC : float
+        Temperature of the law [°C]; nan: an influence of temperature is not looked for.
+    known : mapping of str to float, optional
+        Sizes of effects that are known from more curves of the bench.
+    temperature_degC : float, optional
+        Mean temperature of the curves [°C]; none of a pooled law.
+
+    Raises
+    ------
+    FitError
+        If the force does not rise, or does not follow Eq. (3) with coefficients >= 0.
+    NumericsError
+        If the fit does not converge.
+    """
+    data = _Scaled.of(curves, reference_degC)
+    start, contact = data.start()
+    free = start > 0.0
+    if not free.all():  # refused before the noise of such a fit is looked for
+        F = data.design(start, contact, free)[1]
+        _held_note(int(np.argmin(free)), float(np.max(np.abs((data.f - F) * data.used))))
+    k, p, posterior = _mode(data, start, contact, free, known or {})
+    if np.any(k[free] < 0.0):
+        free = free & (k >= 0.0)
+        if not free.any():
+            raise FitError("the force falls with penetration, must rise")
+        k, p, posterior = _mode(data, np.where(free, start, 0.0), contact, free, known or {})
+    unit = data.top / data.span ** np.array([1.0, 2.0])
+    F = data.design(k, p, free)[1]
+    misfit = _misfit(data, posterior, F)
+    covariance, note = np.zeros((2, 2)), ""
+    at = np.flatnonzero(free)
+    covariance[np.ix_(at, at)] = posterior.covariance[: at.size, : at.size]
+    if not free.all():
+        held = int(np.flatnonzero(~free)[0])
+        covariance[held, held] = _se_of_held(data, k, p, free, posterior) ** 2
+        note = _held_note(held, float(np.max(np.abs((data.f - F) * data.used))))
+    slope, slope_se = 0.0, 0.0
+    if "temperature" in posterior.sizes:
+        mean, variance = posterior.of("temperature")
+        slope, slope_se = PER_KELVIN * float(mean[0]), PER_KELVIN * math.sqrt(variance[0, 0])
+    white = posterior.sizes["noise"] ** 2
+    share = white / (white + posterior.sizes["correlated"] ** 2 / CORRELATION / data.x.shape[1])
+    law = NormalLaw(*(k * unit).tolist())
+    contact = p * data.span + [c.touch_m for c in curves]
+    squares = [
+        np.mean((b.force_N_m - law.force(b.position_m - at)) ** 2)
+        for c, at in zip(curves, contact, strict=True)
+        for b in c.fitted
+    ]
+    covariance = (covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit)
+    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    loss = max(float(np.divide(*work.sum(axis=0))), 0.0) if work.size else math.nan
+    depth = float(np.max([c.top_position_m for c in curves] - contact))
+    notes, warnings = _findings(curves, misfit, note, posterior.sizes["segment"], depth)
+    return LawEstimate(
+        temperature_degC=temperature_degC,
+        k_linear_N_m2=law.k_linear_N_m2,
+        k_quadratic_N_m3=law.k_quadratic_N_m3,
+        covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
+        temperature_slope=(slope, slope_se),
+        sizes=posterior.sizes,
+        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
+        rms_residual_N_m=float(np.sqrt(np.mean(squares))),
+        hysteresis_ratio=loss,
+        max_penetration_m=depth,
+        max_force_N_m=max(c.top_force_N_m for c in curves),
+        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
+        n_effective=float(data.used.sum()) * share,
+        n_cycles=len(curves),
+        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
+        misfit=misfit,
+        notes=notes,
+        warnings=warnings,
+    )
+
+
+def _mode(
+    data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes
+) -> tuple[Array, Array, Posterior]:
+    """Return coefficients, contact points and the posterior; coefficients not free are zero."""
+    n = int(free.sum())
+
+    def at(q: Array) -> tuple[Array, Array]:
+        full = np.zeros(2)
+        full[free] = q[:n]
+        return full, q[n:]
+
+    y, _, columns = data.design(k, p, free)
+    misfit, start = data.misfit(y, columns), np.append(k[free], p)
+    q, posterior = relinearised(lambda q: data.model(*at(q), free, known, y, misfit), start)
+    return *at(q), posterior
+
+
+def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
+    """Return the largest misfit of the law over the force, above a tenth of the largest."""
+    place = posterior.model.places["misfit"]
+    b = np.abs(posterior.model.X[..., place] @ posterior.mean[place])
+    high = (LEAST_FORCE * np.max(F * data.used) <= F) & (data.used > 0.0)
+    return float(np.max(b[high] / F[high]))
+
+
+def _se_of_held(
+    data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], posterior: Posterior
+) -> float:
+    """Return the standard error of a coefficient that is held at zero, were it free."""
+    model, y = posterior.model, np.maximum(data.x - p[:, None], 0.0)
+    column = y**2 if free[0] else np.ones(y.shape)
+    shared = [*model.shared, Shared("held", column * data.used)]
+    wider = Mixed(model.y, shared, model.own).at(posterior.sizes)
+    se = math.sqrt(wider.of("held")[1][0, 0])
+    return se if free[0] else math.sqrt(4.0 * float(k[1]) * se)
+
+
+def _held_note(held: int, largest: float) -> str:
+    """Say which coefficient would be negative; refuse a law that misses by far."""
+    name, form = (("k_linear", "purely quadratic"), ("k_quadratic", "linear"))[held]
+    text = (
+        f"{name} would be negative and is held at zero: a {form} law, off by up to "
+        f"{100 * largest:.2g} % of the largest force"
+    )
+    if largest > LARGEST_MISFIT:
+        raise FitError(
+            f"{text}, must be <= {100 * LARGEST_MISFIT:g} %: the curve does not follow a law "
+            "k_linear delta + k_quadratic delta² that stiffens from a contact point"
+        )
+    return text
+
+
+SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
+RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
+CLEAR = 2.6  # standard errors beyond which a slope is significant
+DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
+LINE_FORCE_N_M = (1.0e2, 1.0e6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +366,12 @@ class StiffnessResult:
     laws: tuple[LawEstimate, ...]
     """One law per known temperature, ascending; empty if no temperature is known."""
     pooled: LawEstimate  # law at the reference temperature, from all tests
-    temperature: TemperatureEffect
+    temperature_matters: bool | None
+    """Whether the influence of temperature is significant and relevant; None if not tested."""
     quadratic_supported: bool
     """Whether the quadratic law, with both terms, is all that the curves show."""
     recording: PressRecording  # curves used for the fits, and rejected tests
     notes: tuple[str, ...]  # for the user, without the warnings of the pooled law
-
-    @property
-    def contact_m(self) -> dict[str, float]:
-        """Position of the contact point of each test [m]."""
-        return self.pooled.contact_m
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
@@ -100,7 +380,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     Parameters
     ----------
     press : mapping of str to ndarray
-        Columns as for :func:`~beltid.identify.press.curves.read_recording`.
+        Columns as for :func:`~beltid.identify.press.recording.read_recording`.
     settings : StiffnessSettings
         Segment length, reference temperature, machine compliance, cycles to use.
 
@@ -114,25 +394,25 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     recording = read_recording(press, settings)
     groups = _group_by_temperature(recording.curves)
     reference = settings.reference_temperature_degC if len(groups) > 1 else math.nan
-    fitted = fit_law(recording.curves, reference)
-    pooled = _estimate(recording.curves, fitted, None)
+    pooled = fit_law(recording.curves, reference)
     laws, notes = [], []
     for t, curves in groups.items():
         try:
-            laws.append(_estimate(curves, fit_law(curves, known=fitted.sizes), t))
+            laws.append(fit_law(curves, known=pooled.sizes, temperature_degC=t))
         except NumericsError as error:
             notes.append(f"No law of the tests at {t:g} °C alone: {error}.")
-    effect = _temperature_effect(groups, fitted)
-    supported = fitted.misfit < RELEVANT and not fitted.note
+    matters, statement = _temperature_effect(groups, *pooled.temperature_slope)
+    both_terms = min(pooled.k_linear_N_m2, pooled.k_quadratic_N_m3) > 0.0
+    supported = pooled.misfit < RELEVANT and both_terms
     verdict = "supported" if supported else "not supported"
     notes += [
-        effect.statement,
-        f"The quadratic law is {verdict}: it misses by up to {100 * fitted.misfit:.2g} % of the "
+        statement,
+        f"The quadratic law is {verdict}: it misses by up to {100 * pooled.misfit:.2g} % of the "
         "force beyond a tenth of its largest value.",
         *pooled.notes,
         *recording.notes,
     ]
-    return StiffnessResult(tuple(laws), pooled, effect, supported, recording, tuple(notes))
+    return StiffnessResult(tuple(laws), pooled, matters, supported, recording, tuple(notes))
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
@@ -148,66 +428,23 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 
 
 def _temperature_effect(
-    groups: Mapping[float, Sequence[PressCurve]], fitted: FittedLaw
-) -> TemperatureEffect:
-    """Judge the slope of the force over the temperature."""
+    groups: Mapping[float, Sequence[PressCurve]], slope: float, se: float
+) -> tuple[bool | None, str]:
+    """Judge the slope of the force over the temperature; return the result in plain words, too."""
     if len(groups) < 2:
         where = "".join(f"{t:g} °C" for t in groups) or "an unknown temperature"
-        statement = f"All tests are at {where}: no statement on temperature."
-        return TemperatureEffect(math.nan, math.nan, None, statement)
-    slope, se = fitted.temperature
+        return None, f"All tests are at {where}: no statement on temperature."
     change = 100.0 * slope * (max(groups) - min(groups))
     matters = abs(slope) > CLEAR * se and abs(change) > 100.0 * RELEVANT
-    outcome = "matters" if matters else "does not matter"
-    statement = (
-        f"Temperature {outcome} between {min(groups):g} and {max(groups):g} °C: the force changes "
-        f"by {change:.2g} ± {100.0 * se * (max(groups) - min(groups)):.1g} %."
+    return matters, (
+        f"Temperature {'matters' if matters else 'does not matter'} between {min(groups):g} and "
+        f"{max(groups):g} °C: the force changes by {change:.2g} ± "
+        f"{100.0 * se * (max(groups) - min(groups)):.1g} %."
     )
-    return TemperatureEffect(slope, se, matters, statement)
-
-
-def _estimate(
-    curves: Sequence[PressCurve], fitted: FittedLaw, temperature_degC: float | None
-) -> LawEstimate:
-    """Return the law with what its curves tell besides."""
-    elastic, contact = fitted.law, fitted.contact_m
-    squares = [
-        np.mean((b.force_N_m - elastic.force(b.position_m - p)) ** 2)
-        for c, p in zip(curves, contact, strict=True)
-        for b in c.fitted
-    ]
-    loss = _loss_ratio(curves)
-    depth = float(np.max([c.top_position_m for c in curves] - contact))
-    force = max(c.top_force_N_m for c in curves)
-    notes, warnings = _findings(curves, fitted, depth, force)
-    return LawEstimate(
-        temperature_degC=temperature_degC,
-        k_linear_N_m2=elastic.k_linear_N_m2,
-        k_quadratic_N_m3=elastic.k_quadratic_N_m3,
-        covariance=(*fitted.covariance[0].tolist(), *fitted.covariance[1].tolist()),
-        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
-        rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=loss if math.isnan(loss) else max(loss, 0.0),
-        max_penetration_m=depth,
-        max_force_N_m=force,
-        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
-        n_effective=fitted.n_effective,
-        n_cycles=len(curves),
-        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
-        misfit=fitted.misfit,
-        notes=notes,
-        warnings=warnings,
-    )
-
-
-def _loss_ratio(curves: Sequence[PressCurve]) -> float:
-    """Return the work lost in the loops over the work of loading; nan without unloading."""
-    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def _findings(
-    curves: Sequence[PressCurve], fitted: FittedLaw, depth: float, force: float
+    curves: Sequence[PressCurve], misfit: float, held: str, segment: float, depth: float
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return notes and warnings: wrong units, a coefficient at zero, no unloading, scatter."""
     warnings = [
@@ -215,13 +452,13 @@ def _findings(
         f"{name} in another unit, or press.segment_length_cm wrong?"
         for name, verb, top, (low, high), unit in (
             ("displacement_mm", "penetrates", depth, DEPTH_M, "m"),
-            ("force_N", "is pressed", force, LINE_FORCE_N_M, "N/m"),
+            ("force_N", "is pressed", max(c.top_force_N_m for c in curves), LINE_FORCE_N_M, "N/m"),
         )
         if not low <= top <= high
     ]
-    if fitted.misfit >= RELEVANT:
+    if misfit >= RELEVANT:
         warnings.append(
-            f"the law misses by up to {100 * fitted.misfit:.2g} % of the force; included in the "
+            f"the law misses by up to {100 * misfit:.2g} % of the force; included in the "
             "standard errors"
         )
     if not curves[0].unloads:
@@ -230,11 +467,11 @@ def _findings(
             "the branches; half of a loop of 20 % is included in the standard errors"
         )
     notes: list[str] = []
-    if fitted.note:
-        (warnings if fitted.misfit >= RELEVANT else notes).append(fitted.note)
-    segment = 100 * fitted.sizes["segment"]
-    if segment >= 100 * RELEVANT:
+    if held:
+        (warnings if misfit >= RELEVANT else notes).append(held)
+    if segment >= RELEVANT:
         notes.append(
-            f"the tests differ by {segment:.2g} % of the force; included in the standard errors"
+            f"the tests differ by {100 * segment:.2g} % of the force; included in the standard "
+            "errors"
         )
     return tuple(notes), tuple(warnings)

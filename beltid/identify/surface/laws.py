@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
 from beltid.errors import InputError, NumericsError
-from beltid.identify.estimators.statistics import settings_of
-from beltid.identify.surface.curves import SPEED_GAP
+from beltid.identify.estimators import settings_of
+from beltid.identify.surface.surface import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula, FrictionLaw
 from beltid.mixed import Mixed, Own, Shared, Size, relinearised
 
@@ -172,11 +172,6 @@ def fit_friction_laws(
     return FrictionLaws(tuple(ranked), tuple(notes))
 
 
-def reference_force(force: Array) -> float:
-    """Compute the reference force of a law: the geometric mean of forces, to two digits."""
-    return float(f"{np.exp(np.mean(np.log(force))):.2g}")
-
-
 def _determined(law: FrictionLaw, f: Array, v: Array) -> bool:
     """Return whether points are numerous and varied enough for the parameters of a law."""
     speeds = int(settings_of(v, SPEED_GAP).max()) + 1
@@ -200,7 +195,8 @@ def _fitted(
     law: FrictionLaw, f: Array, v: Array, mu: Array, factor: ArrayLike | None
 ) -> FrictionLawFit:
     """Fit one law; its criterion is not yet relative to others."""
-    f0, names = reference_force(f), list(law.parameters)
+    # the geometric mean of the forces, to two digits
+    f0, names = float(f"{np.exp(np.mean(np.log(f))):.2g}"), list(law.parameters)
     at = [k for k, name in enumerate(names) if name == law.scale]
     before, width = np.array(list(_priors(law, v, mu).values())).T
     S = np.zeros((f.size, 1)) if factor is None else np.asarray(factor, dtype=float)

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import counted, percent
-from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.report import style
 from beltid.report.cells import sentence
 from beltid.report.charts import MILLI, NotDrawn, broken, chart, draw
