@@ -204,6 +204,13 @@ def test_recordings_that_cannot_be_used_are_refused_all_at_once():
         fit_stiffness(good, StiffnessSettings(0.04, machine_compliance_m_N=1e-5))
 
 
+def test_a_start_in_light_contact_gives_no_zero():
+    """The force rises slowly from the first sample on: as if free, the law were 10 % wrong."""
+    started = {name: x[180:] for name, x in Bench(temperatures=(22.0,)).record().items()}
+    with pytest.raises(InputError, match="begins in contact"):
+        fit_stiffness(started, SETTINGS)
+
+
 def test_cycles_are_split_where_the_crosshead_turns():
     travel = np.concatenate([np.arange(0, 100), np.arange(100, 20, -1), np.arange(20, 110)]) * 1.0
     assert turning_points(travel, 5.0).tolist() == [0, 100, 180, 269]

@@ -209,7 +209,16 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
     below = np.flatnonzero(rising < level + max(6.0 * noise, 5e-3 * (top - level)))
     end = int(below[-1]) + 1 if below.size else 0
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
-    if end < FEWEST_FREE or moved < 0.01 * spread(travel):
+    free = slice(0, max(3 * end // 4, 3))
+    in_contact = end < FEWEST_FREE or moved < 0.01 * spread(travel)
+    if not in_contact:  # unless the force rises here almost as fast as afterwards
+        progress = np.maximum.accumulate(travel[: rising.size])
+        stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
+        if stop - end >= 2:
+            parts = free, slice(end - 1, stop + 1)
+            slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in parts]
+            in_contact = slopes[0] > 0.3 * slopes[1]
+    if in_contact:
         raise InputError(
             f"begins in contact: {end} samples before the force rises, must be at least "
             f"{FEWEST_FREE} over 1 % of the travel, or the zero of the load cell is not known: "
