@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import median_filter
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -178,6 +177,8 @@ NOISE_FLOOR = 2.0e-5
 
 def running_median(x: Array, window: int) -> Array:
     """Return the median over a centred odd window, mirrored at the ends to catch spikes there."""
+    from scipy.ndimage import median_filter  # slow to import
+
     n = x.size
     return median_filter(x, size=min(window, n - 1 + n % 2), mode="mirror") if n > 2 else x.copy()
 
