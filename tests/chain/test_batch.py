@@ -59,6 +59,7 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_on
     assert contents(bench / "runs") == kept
 
 
+@pytest.mark.long
 def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
     shutil.copytree(by_one / "two", bench / "runs" / "two")
     config = (bench / "two.yaml").read_text()

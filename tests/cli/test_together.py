@@ -75,6 +75,7 @@ def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
     assert beltid("compare", FRICTION, "moved.parquet", "-o", "x.parquet").exit_code == 0
 
 
+@pytest.mark.long
 def test_another_bench_is_simulated_with_the_law_of_the_first(others: Path, beltid: Any) -> None:
     lines = Path("rig.csv").read_text().splitlines(keepends=True)
     kept = [line for line in lines if line.split(",")[6] != "40"]

@@ -110,6 +110,7 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
         exec(block, {})
 
 
+@pytest.mark.long
 def test_the_session_in_python_runs(project: Path) -> None:
     parsed = doctest.DocTestParser().get_doctest(
         (ROOT / "docs" / "python.md").read_text().replace("```", ""), {}, "python.md", None, 0

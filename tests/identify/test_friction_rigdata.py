@@ -75,6 +75,7 @@ def test_known_faults_of_the_recording_are_counted() -> None:
     assert found == dict(zip(names.tolist(), counts.tolist(), strict=True))
 
 
+@pytest.mark.long
 def test_rows_of_a_run_need_not_be_together() -> None:
     table = recording("5pk")
     chosen = np.isin(table["run"], ["R001", "R050", "R111"])

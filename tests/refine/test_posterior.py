@@ -63,6 +63,18 @@ def test_the_estimate_is_that_of_generalised_least_squares() -> None:
     np.testing.assert_allclose(model.gain(found)[:q] @ model.y, expected, atol=1e-8)
 
 
+def test_the_misfit_is_least_at_the_estimate_whatever_the_effects_take() -> None:
+    """It falls along every step to it, so that a search by it cannot turn in a circle."""
+    sizes = {**SIZES, ARC: 0.01}
+    model, _ = with_data(runs(), 2, np.array([0.03, -0.01, 0.0]))
+    found, q = model.model().at(sizes), model.X.shape[1]
+    h, precision = found.mean[:q], np.linalg.inv(found.covariance[:q, :q])
+    least = model.misfit(model.y - model.X @ h, h, sizes)
+    for step in 0.01 * np.random.default_rng(5).normal(size=(3, q)):
+        more = model.misfit(model.y - model.X @ (h + step), h + step, sizes) - least
+        assert more == pytest.approx(step @ precision @ step, rel=1e-6)
+
+
 def test_sizes_are_found_and_intervals_of_surface_and_arcs_hold_the_truth() -> None:
     sizes, errors, apart = [], [], []
     for seed in range(12):
