@@ -65,8 +65,7 @@ def test_the_estimate_is_that_of_generalised_least_squares() -> None:
 
 def test_the_misfit_is_least_at_the_estimate_whatever_the_effects_take() -> None:
     """It falls along every step to it, so that a search by it cannot turn in a circle."""
-    sizes = {**SIZES, ARC: 0.01}
-    model, _ = with_data(runs(), 2, np.array([0.03, -0.01, 0.0]))
+    model, sizes = with_data(runs(), 2, np.array([0.03, -0.01, 0.0]))[0], {**SIZES, ARC: 0.01}
     found, q = model.model().at(sizes), model.X.shape[1]
     h, precision = found.mean[:q], np.linalg.inv(found.covariance[:q, :q])
     least = model.misfit(model.y - model.X @ h, h, sizes)
