@@ -72,6 +72,7 @@ def cut_config_short(path: Path) -> None:
     path.write_text(f"{path.read_text()}\n{rough}")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_commands_of_the_tutorial_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part_of_rig: Callable[..., str]

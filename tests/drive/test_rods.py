@@ -124,9 +124,8 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
     assert strings[1].speed[1] - strings[0].speed[1] > 1.05 * losses[1]
 
 
-@pytest.mark.parametrize(
-    "belt", [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in LAWS]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("belt", LAWS)
 def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) -> None:
     """T7: against the noise-free losses of an independent flowing rod, up to full slip.
 
