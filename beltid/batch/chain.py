@@ -172,8 +172,8 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step in chain:
-            running = "rig_running" in belt.facts.get("fit-friction", {})
-            if running and step.name not in OF_RUNNING_BELT:
+            reduced = belt.facts.get("fit-friction", {})
+            if "rig_running" in reduced and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
             elif files.keys() >= set(step.needs.values()):
                 out = folder / f"{step.makes}.parquet"
@@ -185,7 +185,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                     _say(logging.WARNING, step.name, error.problems)
                 except BeltidError as error:
                     belt.failed(step.name, error)
-        if running:
+        if "not simulated" in belt.states.values():
             from beltid.stages.planned_runs import NOT_SIMULATED
 
             log.info(NOT_SIMULATED)

@@ -57,8 +57,8 @@ class SlipPoint:
     speed_loss_rad_s: float
     """Driver speed minus driven speed times the pulley ratio: positive if the driven pulley falls
     behind."""
-    speed_loss_se_rad_s: float  # with the correlation of the samples and the ratio's uncertainty
-    slip_speed_m_s: float  # Eq. (7), and its standard error
+    slip_speed_m_s: float
+    """Eq. (7), and its standard error, with the samples' correlation and the ratio's error."""
     slip_speed_se_m_s: float
     n_samples: int  # samples with both speeds known
     status: str  # "ok", "gross slip", or why the point cannot be used
@@ -239,7 +239,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         named = ", ".join(labels[status == text])
         notes.append(f"{text}: {named}; ignored for the largest sliding speed")
     v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
-    columns = labels, speed, tension, torque, loss, se, v, v_se, n, status
+    columns = labels, speed, tension, torque, loss, v, v_se, n, status
     largest = int(np.argmax(np.where(service, v, -np.inf)))
     return SlipResult(
         points=tuple(SlipPoint(*row) for row in zip(*(c.tolist() for c in columns), strict=True)),

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, ConvergenceError, InputError, percent
+from beltid.identify.agreement import FEWEST_RUNS
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.posterior import (
@@ -54,9 +55,8 @@ Array = NDArray[np.float64]
 
 KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
 MESHES: Final = (1.5, 3.0)
-"""Numbers of elements over the default, so that the mesh adds no bias. The second is for runs with
-which the first does not converge: contact points that come and go make the misfit rough, by more
-than the errors of very quiet runs."""
+"""Numbers of elements over the default, so that the mesh adds no bias; the second where the first
+does not converge: contact points that come and go make the misfit of very quiet runs rough."""
 MODEL_ERROR: Final = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
 
@@ -77,7 +77,6 @@ DECREASE: Final = 1.0e-4  # required decrease of the misfit over that of its tan
 HALVINGS: Final = 7  # halvings of a step before it is given up
 NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
 OUTLIER: Final = 3.5  # misfit in standard errors beyond which a run loses weight
-FEWEST_RUNS: Final = 4
 LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
 
 
@@ -194,39 +193,24 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated, or the iteration does not converge.
     """
-    measured, bench = campaign.measured, campaign.bench
-    n = measured.mu.size
+    measured, n = campaign.measured, campaign.measured.mu.size
     if n < FEWEST_RUNS:
         raise InputError(f"{n} runs to refine a surface from, at least {FEWEST_RUNS} are needed")
-    points = measured.points
     effects = campaign_effects(measured, reference_degC)
-    for finer in MESHES:
-        rig = RigRuns(bench, points, speeds, mesh_of(bench, points, finer))
-        empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
-        if empty:
-            raise InputError(f"no run at the speeds {', '.join(empty)}")
-        try:
-            problem = Problem.of(rig, bench.surface, measured, effects)
-            first = problem.solved(bench.surface)
-            # with the knots where the surface that was found lets forces act
-            start = problem.tabulated(problem.B @ first.coordinates)
-            problem = Problem.of(rig, start, measured, effects)
-            fit = problem.solved(start)
-            break
-        except ConvergenceError:
-            if finer == MESHES[-1]:
-                raise
+    try:
+        problem, first, fit = _solved(campaign, speeds, effects, MESHES[0])
+    except ConvergenceError:
+        problem, first, fit = _solved(campaign, speeds, effects, MESHES[1])
     B, posterior, q = problem.B, fit.posterior, len(problem.B)
     parameters, changes = B @ fit.coordinates, np.zeros((n, 0))
     if sources:
         by_speed, surfaces = fit.sweep.speed_slope, problem.curves.surfaces(parameters)
-        slopes = input_slopes(campaign, surfaces, rig.speeds, by_speed)
+        slopes = input_slopes(campaign, surfaces, problem.rig.speeds, by_speed)
         changes = residual_changes(campaign, sources, slopes, by_speed)
     runs = replace(fit.runs, shared=-changes)
     told = runs.model().at(posterior.sizes)
     left = _left_by_the_runs(sources, told)
     changes = changes * [share for _, share in left]
-
     gain = runs.gain(posterior)
     estimated, shifted, by_effect = [], measured, [np.zeros((n, 0))]
     added: list[Source] = []
@@ -264,6 +248,22 @@ def refine_surface(
         effects=tuple(estimated),
         effects_covariance=posterior.covariance[q:, q:] + by_errors @ by_errors.T,
     )
+
+
+def _solved(
+    campaign: Campaign, speeds: Array, effects: tuple[Effect, ...], finer: float
+) -> tuple[Problem, Fit, Fit]:
+    """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
+    measured, bench = campaign.measured, campaign.bench
+    rig = RigRuns(bench, measured.points, speeds, mesh_of(bench, measured.points, finer))
+    empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
+    if empty:
+        raise InputError(f"no run at the speeds {', '.join(empty)}")
+    problem = Problem.of(rig, bench.surface, measured, effects)
+    first = problem.solved(bench.surface)
+    start = problem.tabulated(problem.B @ first.coordinates)
+    problem = Problem.of(rig, start, measured, effects)
+    return problem, first, problem.solved(start)
 
 
 def _left_by_the_runs(sources: Sequence[Source], told: Posterior) -> list[tuple[Source, float]]:
