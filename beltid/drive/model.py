@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.slow_friction import HALF_TREND, continued
-from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Belt
 
 Array = NDArray[np.float64]

@@ -20,9 +20,9 @@ from scipy.optimize import brentq
 from beltid.drive.geometry import Layout, following
 from beltid.drive.model import Drive
 from beltid.laws import penalty
+from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.surface_tables import SurfaceTables
-from beltid.rig.compiler import kernel
+from beltid.rig.banded import kernel
 from beltid.rig.contact import elastic_force, elastic_stiffness, friction
 
 Array = NDArray[np.float64]

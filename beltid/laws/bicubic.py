@@ -1,4 +1,4 @@
-"""Bicubic patches over a rectangular grid that stay within the band of the values they join.
+"""Bicubic patches over a rectangular grid: their coefficients, and how they are looked up.
 
 The patches form the C2 tensor-product cubic spline (not-a-knot ends) in the coordinates
 ``x = ln(1 + f / f_ref)`` and ``y = ln(1 + v / v_ref)``, with the smallest positive node as
@@ -14,6 +14,9 @@ elsewhere it is C1.
 
 from __future__ import annotations
 
+import math
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -26,11 +29,66 @@ _HERMITE = np.array(
 )
 
 
+class SurfaceTables(NamedTuple):
+    """A friction surface as plain arrays, for compiled kernels.
+
+    ``x_nodes`` (nx,) and ``y_nodes`` (ny,) are ``ln(1 + f/f_ref)`` of the force nodes and
+    ``ln(1 + v/v_ref)`` of the speed nodes; with one node, mu does not depend on that variable. The
+    references [N/m], [m/s] are infinite if the axis is the single node 0. A cell has the
+    coefficients C[i, j] (4, 4): ``mu = sum_ab C[i, j, a, b] s**a t**b``, ``s = (x - x_i)/(x_{i+1} -
+    x_i)`` and ``t`` likewise, both in [0, 1].
+    """
+
+    x_nodes: Array
+    y_nodes: Array
+    f_ref: float
+    v_ref: float
+    C: Array
+
+
+def log_nodes(nodes: Array) -> tuple[Array, float]:
+    """Return the coordinates of the nodes (n,) of an axis, and their reference."""
+    positive = nodes[nodes > 0.0]
+    reference = float(positive[0]) if positive.size else math.inf
+    return np.log1p(nodes / reference), reference
+
+
+def locate(nodes: Any, reference: float, value: Any) -> tuple[Any, Any, Any]:
+    """Find values (numbers or arrays) on one axis; beyond its ends, the nearest node.
+
+    Returned are the cell, the local coordinate in [0, 1], and its derivative, 0 beyond the ends.
+    """
+    x = np.log1p(np.maximum(value, 0.0) / reference)
+    cell = 0
+    if nodes.size == 1:
+        return cell, 0.0 * x, 0.0 * x
+    inside = np.minimum(np.maximum(x, nodes[0]), nodes[-1])
+    for node in nodes[1:-1]:
+        cell = cell + (inside >= node)
+    width = nodes[cell + 1] - nodes[cell]
+    is_inside = 1.0 * ((x == inside) & (value >= 0.0))
+    return cell, (inside - nodes[cell]) / width, is_inside / (width * (reference + value))
+
+
+def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
+    """Evaluate mu, mu_s, mu_t in cells (i, j) at local coordinates s, t (numbers or arrays)."""
+    mu = 0.0
+    mu_s = 0.0
+    mu_t = 0.0
+    for a in range(3, -1, -1):  # Horner in s of the Horner sums in t
+        c1, c2, c3 = C[i, j, a, 1], C[i, j, a, 2], C[i, j, a, 3]
+        row = ((c3 * t + c2) * t + c1) * t + C[i, j, a, 0]
+        row_t = (3.0 * c3 * t + 2.0 * c2) * t + c1
+        mu_s = mu_s * s + mu
+        mu = mu * s + row
+        mu_t = mu_t * s + row_t
+    return mu, mu_s, mu_t
+
+
 def bounded_patches(x: Array, y: Array, z: Array) -> Array:
     """Compute the coefficients of bounded patches through values z (nx, ny) at x (nx,), y (ny,).
 
-    They are those of :class:`beltid.laws.surface_tables.SurfaceTables`. With fewer than four nodes
-    the spline has a lower degree.
+    With fewer than four nodes the spline has a lower degree.
     """
     if x.size == 1:  # represent a constant direction by one cell of width 1 with equal values
         x, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=0)
@@ -59,14 +117,14 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
 
 def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
     """Compute patches from the values and slopes (nx, ny) at the nodes."""
-    hx, hy = np.diff(x)[:, None], np.diff(y)[None, :]
+    hx, hy = np.diff(x)[:, None], np.diff(y)
+    by_x = (z, zx), (zy, zxy)
     corner = np.empty((x.size - 1, y.size - 1, 4, 4))
     for a, rows in enumerate((slice(None, -1), slice(1, None))):
         for b, cols in enumerate((slice(None, -1), slice(1, None))):
-            corner[..., a, b] = z[rows, cols]
-            corner[..., 2 + a, b] = zx[rows, cols] * hx
-            corner[..., a, 2 + b] = zy[rows, cols] * hy
-            corner[..., 2 + a, 2 + b] = zxy[rows, cols] * hx * hy
+            for q, along_y in enumerate(by_x):
+                for p, values in enumerate(along_y):
+                    corner[..., 2 * p + a, 2 * q + b] = values[rows, cols] * hx**p * hy**q
     return np.ascontiguousarray(_HERMITE @ corner @ _HERMITE.T)
 
 

@@ -1,15 +1,9 @@
 """Equations of the friction rig: Euler–Eytelwein and the force along the arc, Eqs. (5) to (8).
 
-================= ============================================== ==============================
-Bench             Measures                                       Function
-================= ============================================== ==============================
-two cells         tension of both spans                          :func:`friction_coefficient`
-dead weight       one tension by a weight, one by a load cell    :func:`friction_coefficient`
-torque            torque of the pulley, tension of one span      :func:`tensions_by_torque`
-torque and hub    torque, force on the pulley's axis             :func:`tensions_by_hub_force`
-running           any of these with a moving belt                :func:`pressing_tension`,
-                                                                 :func:`running_sliding_speed`
-================= ============================================== ==============================
+Two load cells, or a load cell and a weight, give both tensions; a torque gives their difference,
+which needs the tension of one span, or the force on the pulley's axis. A moving belt is pressed on
+by what its momentum leaves. Arcs are angles [rad], tensions forces [N], R the radius of the belt's
+centreline on the pulley [m].
 """
 
 from __future__ import annotations
@@ -28,16 +22,10 @@ LARGEST_TURN = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Spans:
-    """The two spans of a belt that resists bending, from the pulley to their supports.
+    """The two spans of a belt with the bending stiffness ``EI`` [N m²]; 0 means straight spans.
 
-    Attributes
-    ----------
-    EI : float
-        Bending stiffness [N m²]; 0 means straight spans.
-    length : float
-        Length from the support to the tangent point [m].
-    clamped : bool
-        Whether the supports also fix the direction of the belt.
+    ``length`` [m] is that from the support to the tangent point; if ``clamped``, the supports also
+    fix the direction of the belt.
     """
 
     EI: float = 0.0
@@ -45,7 +33,7 @@ class Spans:
     clamped: bool = False
 
     def turn(self, T: ArrayLike, R: float) -> Array:
-        """Compute the angle between the force T [N] of a span and the tangent of the pulley [rad].
+        """Compute the angle between the force T of a span and the tangent of the pulley [rad].
 
         The line of force of a bent belt passes the axis at a distance of ``R + EI / (2 R T)``. A
         pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp bends the belt
@@ -68,19 +56,8 @@ STRAIGHT = Spans()
 def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike) -> Array:
     """Compute the coefficient of friction from the two tensions, Eq. (6).
 
-    It solves Eq. (5), ``T_tight / T_slack = exp(mu beta)``, for an arc that slides as a whole.
-
-    Parameters
-    ----------
-    T_tight, T_slack : array_like
-        Tensions of the two spans [N], > 0.
-    beta : array_like
-        Contact arc [rad].
-
-    Returns
-    -------
-    ndarray
-        ``ln(T_tight / T_slack) / beta`` [-]; nan where a tension is not positive.
+    ``ln(T_tight / T_slack) / beta`` solves Eq. (5), ``T_tight / T_slack = exp(mu beta)``, for an
+    arc that slides as a whole; nan where a tension is not positive.
     """
     tight, slack = np.broadcast_arrays(
         np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
@@ -93,18 +70,10 @@ def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike
 def tensions_by_torque(
     M: ArrayLike, R: float, *, T_tight: ArrayLike | None = None, T_slack: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Compute tight and slack tension [N] from the torque on the pulley and one of them.
+    """Compute tight and slack tension from the torque on the pulley and one of them.
 
-    Uses the moment balance about the pulley's axis, ``T_tight - T_slack = M / R``.
-
-    Parameters
-    ----------
-    M : array_like
-        Torque [N m] without bearing drag, positive in the direction of pull of the tight span.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    T_tight, T_slack : array_like
-        Tension of the measured span [N]; give exactly one.
+    ``T_tight - T_slack = M / R`` with the torque M [N m] without bearing drag, positive in the
+    direction of pull of the tight span.
     """
     difference = np.asarray(M, dtype=float) / R
     if (T_tight is None) == (T_slack is None):
@@ -123,8 +92,6 @@ def hub_force(
 
     ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions and the
     angle b between the forces of the spans: the contact arc plus the turn of both by bending.
-
-    Tensions [N] on a contact arc beta [rad] of the radius R [m].
     """
     tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
     half = 0.5 * (np.asarray(beta, dtype=float) + spans.turn(tight, R) + spans.turn(slack, R))
@@ -134,26 +101,12 @@ def hub_force(
 def tensions_by_hub_force(
     M: ArrayLike, H: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
 ) -> tuple[Array, Array]:
-    """Compute both tensions from torque and hub force, the inverse of :func:`hub_force`.
+    """Compute both tensions from torque [N m] and hub force [N], the inverse of :func:`hub_force`.
 
     The difference of the tensions is ``d = M / R``, their sum
     ``s = sqrt(H² - d² cos²(b/2)) / sin(b/2)``; at 180° ``s = H``. In a belt that resists bending,
-    the angle b depends on the tensions and is found by fixed-point iteration.
-
-    Parameters
-    ----------
-    M, H : array_like
-        Torque of the belt on the pulley without bearing drag [N m], and force on its axis [N].
-    beta, R : array_like, float
-        Contact arc [rad], radius of the belt's centreline on the pulley [m].
-    spans : Spans
-        Stiffness, length and supports of the spans.
-
-    Returns
-    -------
-    tuple of ndarray
-        Tight and slack tension [N]; nan where no tensions have this resultant, and at whole turns,
-        where the resultant does not depend on the sum of the tensions.
+    the angle b depends on the tensions and is found by fixed-point iteration. The tensions are nan
+    where none have this resultant, and at whole turns, where it does not depend on their sum.
     """
     difference, arc = np.asarray(M, dtype=float) / R, np.asarray(beta, dtype=float)
     force = np.square(np.asarray(H, dtype=float))
@@ -184,7 +137,7 @@ def sliding_speed(omega: Number, R: float) -> Number:
     """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
     The same formula gives the sliding speed of a drive from its loss of angular speed omega
-    [rad/s]; R [m] is the radius of the belt's centreline. Kernels compile it unchanged.
+    [rad/s].
     """
     return omega * R
 
@@ -195,15 +148,9 @@ def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
 
 
 def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float) -> Array:
-    """Compute the normal force per length along the arc, Eq. (8) [N/m].
+    """Compute the normal force per length at the angle phi from the tight end, Eq. (8) [N/m].
 
-    Parameters
-    ----------
-    phi : array_like
-        Angle from the tight end [rad], 0 <= phi <= beta.
-    T_tight, mu_ref, R : array_like, array_like, float
-        Tension of the tight span [N], coefficient of friction of the sliding plateau [-], radius of
-        the belt's centreline on the pulley [m].
+    ``mu_ref`` is the coefficient of friction of the sliding plateau [-], 0 <= phi <= beta.
     """
     decay = np.exp(-np.asarray(mu_ref, dtype=float) * np.asarray(phi, dtype=float))
     return np.asarray(T_tight, dtype=float) * decay / R

@@ -110,21 +110,11 @@ FRICTION_LAWS: Final[Mapping[str, FrictionLaw]] = {law.name: law for law in _LAW
 
 @dataclass(frozen=True, slots=True)
 class FrictionFormula:
-    """A parametric friction law with the values of its parameters.
+    """A parametric friction law with the values of its parameters."""
 
-    Parameters
-    ----------
-    law : str
-        One of :data:`FRICTION_LAWS`.
-    reference_force_N_m : float
-        f0 [N/m].
-    values : mapping of str to float
-        Parameters by name.
-    """
-
-    law: str
-    reference_force_N_m: float
-    values: Mapping[str, float]
+    law: str  # one of FRICTION_LAWS
+    reference_force_N_m: float  # f0
+    values: Mapping[str, float]  # by parameter
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Evaluate mu [-] at forces per length [N/m] > 0 and speeds of either sign."""

@@ -20,8 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from beltid.errors import InputError
-from beltid.laws.bicubic import bounded_patches
-from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, locate, log_nodes
+from beltid.laws.bicubic import (
+    SurfaceTables,
+    bounded_patches,
+    evaluate_cell,
+    locate,
+    log_nodes,
+)
 
 Array = NDArray[np.float64]
 
@@ -240,20 +245,15 @@ class FrictionSurface:
         j, t, dt_dv = locate(T.y_nodes, T.v_ref, np.abs(v))
         return (i, s + unknown, ds_df), (j, t + unknown, dt_dv)
 
-    def _bilinear(
-        self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
-    ) -> Array:
+    def _bilinear(self, nodes: Array, f: ArrayLike, v: ArrayLike) -> Array:
         """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""
-        corners = self._corners(nodes, normal_force_N_m, slip_speed_m_s)
         # ignore a nan neighbour with zero weight, but not a point that is nan
-        parts = [np.where(weight == 0.0, 0.0, weight * corner) for weight, corner in corners]
+        parts = [np.where(w == 0.0, 0.0, w * corner) for w, corner in self._corners(nodes, f, v)]
         return np.asarray(sum(parts[1:], parts[0]))
 
-    def _corners(
-        self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
-    ) -> list[tuple[Array, Array]]:
+    def _corners(self, nodes: Array, f: ArrayLike, v: ArrayLike) -> list[tuple[Array, Array]]:
         """Return weight (..., 1) and values (..., r) of the four neighbouring nodes."""
-        (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
+        (i, s, _), (j, t, _) = self._places(*_points(f, v))
         last_row, last_column = len(nodes) - 1, nodes.shape[1] - 1
         return [
             (

@@ -3,9 +3,6 @@
 The paper uses the gap g_N, which is *negative* in contact, and mixes centimetres of belt with
 metres of deformation. This module uses the penetration ``delta = -g_N >= 0`` in SI units per metre
 of belt, so that Eq. (3) becomes ``f_N(delta) = k_linear delta + k_quadratic delta**2`` [N/m].
-
-The functions can be compiled unchanged: the simulated rig compiles them, and :class:`NormalLaw`
-calls them with arrays.
 """
 
 from __future__ import annotations

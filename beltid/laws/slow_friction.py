@@ -9,21 +9,15 @@ is: it never extrapolates, a drive does.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
-from beltid.laws.bicubic import hermite_patches
+from beltid.laws.bicubic import SurfaceTables, hermite_patches
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.surface_tables import SurfaceTables
 
-HALF_TREND: Final = 0.5
-REST: Final = 0.01
-"""Ratio to the slowest speed below which the trend fades out: friction at rest is finite."""
-STEEPEST: Final = 0.5
-"""Largest slope of ln mu over ln v that counts as a trend; steeper ones are scatter."""
-PLACES: Final = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])
-"""Ratios to the slowest speed between which the continuation consists of bicubic patches."""
+HALF_TREND = 0.5
+REST = 0.01  # ratio to the slowest speed below which the trend fades: friction at rest is finite
+STEEPEST = 0.5  # slope of ln mu over ln v that counts as a trend; steeper ones are scatter
+PLACES = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])  # of patches, over the slowest speed
 
 
 def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTables:

@@ -1,4 +1,4 @@
-"""Solve banded linear systems in compiled code: LU with partial pivoting, row by row.
+"""Banded linear systems in compiled code: LU with partial pivoting, row by row.
 
 The tangent of the belt couples a node to its two neighbours only, so with ``HALF`` off-diagonals
 the factorisation costs O(n) for n coordinates. Row i of the storage holds the columns
@@ -7,23 +7,26 @@ the factorisation costs O(n) for n coordinates. Row i of the storage holds the c
 
 from __future__ import annotations
 
+from typing import Any, Final
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
-
-from beltid.rig.compiler import kernel
 
 Array = NDArray[np.float64]
 
 HALF = 7  # two nodes of four coordinates: |i - j| <= 7
 WIDTH = 3 * HALF + 1
 
+kernel: Final[Any] = numba.njit(cache=True, nogil=True, error_model="numpy")
+"""Compile a function; the cache of a kernel does not see an edit of what it calls elsewhere."""
+
 
 @kernel
 def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
-    """Factorize a banded matrix A (n, WIDTH) in place into L, left of the diagonal, and U.
+    """Factorize A (n, WIDTH) in place into L and U, row exchanges into ``pivots`` (n,).
 
-    ``pivots`` (n,) are the rows exchanged with row k in step k (output). The result is False if a
-    pivot vanished: the matrix is singular to working precision.
+    False says that a pivot vanished: the matrix is singular to working precision.
     """
     n = A.shape[0]
     right = 0  # last column reached by the rows exchanged so far

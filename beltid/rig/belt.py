@@ -11,17 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltid.laws import kelvin_voigt
 from beltid.params import Belt
-from beltid.rig.banded import HALF
-from beltid.rig.compiler import kernel
+from beltid.rig.banded import HALF, kernel
 from beltid.rig.mesh import Mesh
-
-Array = NDArray[np.float64]
-
-section_force = kernel(kelvin_voigt.section_force)
+from beltid.rig.state import State
 
 
 class Section(NamedTuple):
@@ -44,23 +38,21 @@ class Section(NamedTuple):
 
 
 @kernel
-def add_belt(
-    mesh: Mesh,
-    section: Section,
-    q: Array,
-    stretch: float,
-    old: Array,
-    strains: Array,
-    rate: float,
-    A: Array,
-    r: Array,
-    r_s: Array,
-) -> None:
-    """Add the internal forces of the belt, their tangent and their derivative in the stretch.
+def section_force(
+    stiffness: float, strain: float, strain_rate: float, damping_time: float
+) -> float:
+    """Integrate ``sigma = E eps + c d(eps)/dt`` over the section: axial force or moment, Eq. (9).
 
-    ``old`` and ``strains`` are axial strain and curvature at the last step, and now (output). The
-    other arguments are those of :class:`beltid.rig.newton.State` and ``Motion``.
+    EA [N] goes with the strain [-], EI [N m²] with the curvature [1/m]; the damping time is c/E
+    [s]. The rate may be per time step if this is in time steps, too.
     """
+    return stiffness * (strain + damping_time * strain_rate)
+
+
+@kernel
+def add_belt(mesh: Mesh, section: Section, s: State, rate: float) -> None:
+    """Add the internal forces of the belt, their tangent and their derivative in the stretch."""
+    q, stretch, old, r, r_s = s.q, s.u[0], s.strains_old, s.r, s.columns[0]
     tau = section.damping_time * rate  # time in units of the step
     # strain and strain increment grow together within a step: the law at 1 for both is its slope
     EA = (section_force(section.EA, 1.0, 1.0, tau) - section.momentum) / stretch
@@ -78,7 +70,7 @@ def add_belt(
             p = math.sqrt(p2)
             curl = (ax * by - ay * bx) / p2
             eps, kappa = p / stretch - 1.0, curl / stretch
-            strains[el, g, 0], strains[el, g, 1] = eps, kappa
+            s.strains[el, g, 0], s.strains[el, g, 1] = eps, kappa
             N = section_force(section.EA, eps, eps - old[el, g, 0], tau)
             N -= section.momentum * (1.0 + eps)
             M = section_force(section.EI, kappa, kappa - old[el, g, 1], tau)
@@ -110,19 +102,17 @@ def add_belt(
                     r_s[row] -= (EA * p * d * e[i] + EI * curl * by_kappa) / stretch
                     at = HALF - 2 * j - i
                     for c in range(8):
-                        A[row, at + c] += d * G[i, c] + dd * G[2 + i, c]
+                        s.A[row, at + c] += d * G[i, c] + dd * G[2 + i, c]
 
 
 @kernel
-def add_inertia(
-    mesh: Mesh, section: Section, stretch: float, dq: Array, rate: float, A: Array, r: Array
-) -> None:
-    """Add ``M dq / dt**2``, Eq. (10), for the deviation ``dq`` (n,) from uniform motion [m]."""
+def add_inertia(mesh: Mesh, section: Section, s: State, rate: float) -> None:
+    """Add ``M dq / dt**2``, Eq. (10), for the deviation ``s.dq`` from uniform motion [m]."""
     for el in range(mesh.h.size):
         for j in range(4):
             for m in range(4):
-                mass = stretch * section.rhoA * mesh.M[el, j, m] * rate * rate
+                mass = s.u[0] * section.rhoA * mesh.M[el, j, m] * rate * rate
                 for x in range(2):
                     row = 4 * el + 2 * j + x
-                    A[row, HALF + 2 * (m - j)] += mass
-                    r[row] += mass * dq[4 * el + 2 * m + x]
+                    s.A[row, HALF + 2 * (m - j)] += mass
+                    s.r[row] += mass * s.dq[4 * el + 2 * m + x]

@@ -14,18 +14,15 @@ goes to zero.
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltid.laws import capstan, penalty, surface_tables
-from beltid.laws.surface_tables import SurfaceTables
-from beltid.rig.banded import HALF
-from beltid.rig.compiler import kernel
+from beltid.laws import bicubic, capstan, penalty
+from beltid.laws.bicubic import SurfaceTables
+from beltid.rig.banded import HALF, kernel
 from beltid.rig.mesh import Mesh
-
-Array = NDArray[np.float64]
+from beltid.rig.state import Motion, State
 
 SLIP_TOLERANCE = 1.0e-13  # backward slip of a sliding point in one step [m]
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
@@ -33,8 +30,8 @@ CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
 elastic_force = kernel(penalty.elastic_force)  # Eq. (3)
 elastic_stiffness = kernel(penalty.elastic_stiffness)
 sliding_speed = kernel(capstan.sliding_speed)  # Eq. (7)
-locate = kernel(surface_tables.locate)  # mu(f_N, v)
-evaluate_cell = kernel(surface_tables.evaluate_cell)
+locate = kernel(bicubic.locate)  # mu(f_N, v)
+evaluate_cell = kernel(bicubic.evaluate_cell)
 
 
 class Pulley(NamedTuple):
@@ -55,50 +52,6 @@ class Pulley(NamedTuple):
     memory: float
     edge: float
     surface: SurfaceTables
-
-
-POINT: Final = np.dtype(
-    [
-        ("theta", float),  # angle from the top [rad]
-        ("rho", float),  # distance from the pulley's centre [m]
-        ("f_N", float),  # elastic line force [N/m]
-        ("F_N", float),  # normal force [N]
-        ("F_T", float),  # friction force [N], > 0 where the pulley is the faster one
-        ("limit", float),  # largest friction force [N]
-        ("slip", float),  # of the pulley over the belt in the step [m]; of a flowing belt g [m/s]
-        ("speed", float),  # sliding speed at which mu was looked up [m/s]
-        (
-            "sign",
-            float,
-        ),  # sense of sliding; of a flowing belt the share of the friction, linearised
-        ("sticks", np.bool_),
-    ]
-)
-"""A contact point; ``sticks`` and ``sign`` are its status."""
-
-Points = NDArray[np.void]
-"""Contact points, a structured array of :data:`POINT` of shape (n_e, n_c)."""
-
-
-def new_points(n_e: int, n_c: int) -> Points:
-    """Allocate contact points that slide towards B."""
-    points = np.zeros((n_e, n_c), dtype=POINT)
-    points["sign"] = 1.0
-    return points
-
-
-class Motion(NamedTuple):
-    """One step: ``rate`` is 1/dt [1/s], 0 in statics; ``share`` of the friction acts.
-
-    ``v0`` [m/s] is the stress-free length that passes a point per second if the belt flows through
-    its shape, else 0; ``scale`` [m/s] then is the sliding speed at which friction is nearly whole.
-    """
-
-    rate: float
-    omega: float
-    share: float = 1.0
-    v0: float = 0.0
-    scale: float = 0.0
 
 
 @kernel
@@ -140,33 +93,19 @@ def revise_status(point: Any, trial: float, limit: float, slip: float) -> bool:
 
 
 @kernel
-def add_contact(
-    mesh: Mesh,
-    pulley: Pulley,
-    motion: Motion,
-    q: Array,
-    u: Array,
-    last: Any,
-    now: Any,
-    revise: bool,
-    A: Array,
-    r: Array,
-    r_s: Array,
-    r_omega: Array,
-) -> int:
+def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, revise: bool) -> int:
     """Add the forces of the pulley, their tangent and their derivatives in stretch and speed.
 
-    ``last`` and ``now`` are the contact points at the last step, and now (output); where
-    ``revise``, those that break Eq. (11) change their status, and their number is returned. In
-    statics every touching point slides. The other arguments are those of
-    :class:`beltid.rig.newton.State`.
+    Where ``revise``, points that break Eq. (11) change their status; their number is returned. In
+    statics every touching point slides.
     """
-    R, rate, stretch, changes = pulley.R, motion.rate, u[0], 0
+    R, rate, q, stretch, changes = pulley.R, motion.rate, s.q, s.u[0], 0
+    r, r_s, r_omega = s.r, s.columns[0], s.columns[1]
     flows, moves = motion.v0 > 0.0, rate > 0.0
     fall, G = R * motion.v0 / stretch, np.zeros((2, 8))
     for el in range(mesh.h.size):
         for c in range(mesh.w_c.shape[1]):
-            N, N_s, point, before = mesh.N[el, c], mesh.N_s[el, c], now[el, c], last[el, c]
+            N, N_s, point, before = mesh.N[el, c], mesh.N_s[el, c], s.now[el, c], s.last[el, c]
             x = y = dx = dy = 0.0
             for j in range(4):
                 x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
@@ -180,7 +119,7 @@ def add_contact(
             f, slope = press(pulley, rho - R, mesh.w_c[el, c])
             slip, v, v_slip = 0.0, sliding_speed(motion.omega, R), 0.0
             if flows:
-                slip, v, v_slip = R * u[1] - fall * turn, point.slip, 1.0
+                slip, v, v_slip = R * s.u[1] - fall * turn, point.slip, 1.0
                 if revise:  # the share of friction after a step of Newton's method
                     size = math.sqrt(v * v + motion.scale * motion.scale)
                     share = (v + (1.0 - point.sign * v / size) * (slip - v)) / size
@@ -247,5 +186,5 @@ def add_contact(
                         r_omega[row] -= N[j] * by_slip * R * t[i]
                     at = HALF - 2 * j - i
                     for m in range(8):
-                        A[row, at + m] += N[j] * G[i, m]
+                        s.A[row, at + m] += N[j] * G[i, m]
     return changes

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
+from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.belt import Section
-from beltid.rig.contact import Motion, Points
 from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.newton import Border, State, equilibrium
+from beltid.rig.newton import Border, equilibrium
+from beltid.rig.state import Motion, Points
 from beltid.rig.steady import StaticState, lay_on
 
 Array = NDArray[np.float64]
@@ -40,30 +40,15 @@ MOST_ITERATIONS = 16
 
 @dataclass(frozen=True)
 class FlowPulley:
-    """A pulley of a drive with the belt on it.
-
-    Parameters
-    ----------
-    belt : Belt
-        Section properties; the mass acts in the running belt, the damping does not.
-    law : NormalLaw
-        Normal contact law, Eq. (3).
-    surface : SurfaceTables
-        Friction coefficient over line force and sliding speed.
-    R, wrap, span : float
-        Radius of the centreline without load [m], angle between the tangent points [rad], length of
-        belt on each side that is computed with the pulley [m].
-    tension : float
-        Typical span force [N]: that of the mesh and of the belt at rest.
-    """
+    """A pulley of a drive with the belt on it; the damping of the belt does not act."""
 
     belt: Belt
-    law: NormalLaw
+    law: NormalLaw  # Eq. (3)
     surface: SurfaceTables
-    R: float
-    wrap: float
-    span: float
-    tension: float
+    R: float  # radius of the centreline without load [m]
+    wrap: float  # angle between the tangent points [rad]
+    span: float  # length of belt on each side that is computed with the pulley [m]
+    tension: float  # typical span force [N]: that of the mesh and of the belt at rest
 
     @functools.cached_property
     def model(self) -> RigModel:
@@ -81,39 +66,19 @@ class FlowPulley:
 
 @dataclass(frozen=True, slots=True)
 class FlowState:
-    """A belt that flows steadily over a pulley.
+    """A belt that flows steadily over a pulley."""
 
-    Attributes
-    ----------
-    v0 : float
-        Stress-free length that passes a point per second [m/s].
-    omega : float
-        Speed of the pulley [rad/s].
-    torque : float
-        Torque of the shaft on the belt [N m], > 0 for a driver.
-    T_in, T_out : float
-        Effective forces of the entering and the leaving span, ``N - m v0**2 (1 + eps)`` [N].
-    length : float
-        Stress-free length between the ends of the model [m].
-    friction_power : float
-        Power that friction takes [W].
-    points : Points
-        Contact points in the order of the flow; their ``slip`` is the sliding speed [m/s], > 0
-        where the pulley is the faster one, and those that stick slide more slowly than the scale
-        of friction.
-    q, u : ndarray
-        Coordinates (n,), and stretch and speed of the pulley (2,), to start a similar state from.
-    """
-
-    v0: float
-    omega: float
-    torque: float
-    T_in: float
+    v0: float  # stress-free length that passes a point per second [m/s]
+    omega: float  # speed of the pulley [rad/s]
+    torque: float  # of the shaft on the belt [N m], > 0 for a driver
+    T_in: float  # effective forces of the spans, N - m v0**2 (1 + eps) [N]
     T_out: float
-    length: float
-    friction_power: float
-    points: Points
-    q: Array
+    length: float  # stress-free, between the ends of the model [m]
+    friction_power: float  # that friction takes [W]
+    points: (
+        Points  # in the order of the flow; ``slip`` [m/s] > 0 where the pulley is the faster one
+    )
+    q: Array  # coordinates, and stretch and speed of the pulley, to start a similar state from
     u: Array
 
     @property
@@ -131,25 +96,12 @@ def flow(
     omega: float = 0.0,
     start: FlowState | None = None,
 ) -> FlowState:
-    """Find the steady flow of a belt over one pulley.
+    """Find the steady flow of a belt over one pulley, with the effective forces of both spans [N].
 
-    Parameters
-    ----------
-    pulley : FlowPulley
-        Pulley and belt.
-    v0 : float
-        Stress-free length of belt that passes a point per second [m/s], > 0.
-    T_in, T_out : float
-        Effective forces of the entering and the leaving span [N], > 0.
-    omega : float
-        Without T_out: speed of the pulley [rad/s], to reach points at which the whole arc slides.
-    start : FlowState, optional
-        A similar state of the same pulley, from which the iteration starts.
-
-    Raises
-    ------
-    ConvergenceError
-        If no steady state was found, for example with forces that friction cannot hold.
+    Without T_out the speed ``omega`` of the pulley [rad/s] is given, to reach points at which the
+    whole arc slides. The iteration starts from a similar state of the same pulley, ``start``. A
+    ConvergenceError says that no steady state was found, for example with forces that friction
+    cannot hold.
     """
     search = _Search(pulley, v0, T_in, T_out, omega)
     if not (start is not None and search.from_state(start)) and not search.from_rest():
@@ -171,7 +123,7 @@ class _Search:
         system = pulley.model.system
         contact = system.pulley._replace(surface=pulley.surface)
         self.system = system._replace(section=Section.of(pulley.belt, v0), pulley=contact)
-        self.s: State = pulley.model.state()
+        self.s = pulley.model.state()
 
     def solve(self, given: Array, scale: float) -> bool:
         """Solve at one scale of friction from ``s.q``, ``s.u``; restore them without a solution."""
@@ -179,7 +131,7 @@ class _Search:
         s.q_old[:] = s.q
         motion = Motion(0.0, 0.0, 1.0, self.v0, scale * self.v0)
         border = Border(np.arange(k), np.eye(2)[:k], given, np.zeros(4))
-        count, _, _ = equilibrium(self.system, motion, border, s, MOST_ITERATIONS)
+        count, _ = equilibrium(self.system, motion, border, s, MOST_ITERATIONS)
         if count < 0:
             s.q[:], s.u[:] = s.q_old, u
         return count >= 0

@@ -16,26 +16,17 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
-from beltid.rig.contact import CONE_TOLERANCE, Motion
-from beltid.rig.newton import (
-    MOST_HALVINGS,
-    TOLERANCE,
-    Border,
-    State,
-    System,
-    assemble,
-    force_changes,
-    hold,
-)
+from beltid.rig.contact import CONE_TOLERANCE
+from beltid.rig.newton import TOLERANCE, Border, System, assemble, force_changes, hold
+from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
 STILL = 1.0e-12  # of a sticking point in a step, or backward of a sliding one [m]
-MOST_ITERATIONS = 60
 PIVOT_TOLERANCE = 1.0e-11
 
 
-def lemke(M: Array, q: Array) -> tuple[Array, int]:
+def lemke(M: Array, q: Array) -> Array:
     """Solve ``w = M z + q, z >= 0, w >= 0, z.w = 0`` by Lemke's method.
 
     R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, 2009, Algorithm
@@ -44,18 +35,17 @@ def lemke(M: Array, q: Array) -> tuple[Array, int]:
     For copositive-plus M, as of friction with a positive semi-definite G, a solution is found
     whenever there is one.
 
-    Returned are z (n,) and the number of pivots; a ConvergenceError says that the method ended on a
-    ray: there is no solution.
+    A ConvergenceError says that the method ended on a ray: there is no solution.
     """
     n = q.size
     if np.all(q >= 0.0):
-        return np.zeros(n), 0
+        return np.zeros(n)
     # rows of  w - M z - z_0 = q;  the columns of w carry the inverse of the basis
     tableau = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
     basis, artificial = np.arange(n), 2 * n
     rows, entering = np.arange(n), artificial
     row = _lexicographic_minimum(tableau, rows, np.ones(n), basis, -1)
-    for pivots in range(1, 50 * (n + 1)):
+    for _ in range(50 * (n + 1)):
         leaving = int(basis[row])
         tableau[row] /= tableau[row, entering]
         factors = tableau[:, entering].copy()
@@ -65,7 +55,7 @@ def lemke(M: Array, q: Array) -> tuple[Array, int]:
         if leaving == artificial:
             z, within = np.zeros(n), basis >= n
             z[basis[within] - n] = np.maximum(tableau[within, -1], 0.0)
-            return z, pivots
+            return z
         entering = leaving + n if leaving < n else leaving - n
         column = tableau[:, entering]
         rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
@@ -73,8 +63,7 @@ def lemke(M: Array, q: Array) -> tuple[Array, int]:
             break
         row = _lexicographic_minimum(tableau, rows, column[rows], basis, artificial)
     raise ConvergenceError(
-        f"complementarity problem of {n} unknowns: no solution, the method ended on a ray",
-        iterations=pivots,
+        f"complementarity problem of {n} unknowns: no solution, the method ended on a ray"
     )
 
 
@@ -99,7 +88,7 @@ def _lexicographic_minimum(
     return int(rows[0])
 
 
-def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array, int]:
+def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array]:
     """Solve Coulomb friction with given limits as a complementarity problem, Eqs. (11), (12).
 
     The slips are ``slip = slip_free - G F``; a sticking point has slip 0 and |F| <= limit, a
@@ -108,7 +97,7 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
 
     G (n, n) is the Delassus matrix [m/N], positive semi-definite; ``slip_free`` (n,) are the slips
     without friction forces [m], ``limits`` (n,) the limits mu F_N [N], >= 0. Returned are friction
-    forces [N] and slips [m], exactly zero where a point sticks, and the number of pivots.
+    forces [N] and slips [m], exactly zero where a point sticks.
     """
     n = limits.size
     # forces over the largest limit, slips over the largest free slip
@@ -117,48 +106,22 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     G_scaled, c, unit = G * (force_scale / slip_scale), limits / force_scale, np.eye(n)
     M = np.block([[G_scaled, unit], [-unit, np.zeros((n, n))]])
     q = np.concatenate([-G_scaled @ c - slip_free / slip_scale, 2.0 * c])
-    z, pivots = lemke(M, q)
+    z = lemke(M, q)
     w = np.maximum(M @ z + q, 0.0)
     w[z > 0.0] = 0.0
     force = np.clip(z[:n] * force_scale - limits, -limits, limits)
-    return force, (z[n:] - w[:n]) * slip_scale, pivots
+    return force, (z[n:] - w[:n]) * slip_scale
 
 
-def march_by_lemke(
-    system: System, border: Border, s: State, record: NDArray[np.void], begin: int, end: int
-) -> int:
-    """Take steps with friction by Lemke's method; as :func:`beltid.rig.newton.march`."""
+def step_by_lemke(
+    system: System, motion: Motion, border: Border, s: State, most: int
+) -> tuple[int, float]:
+    """Solve a step as :func:`beltid.rig.newton.equilibrium`, with an LCP for the friction."""
     system = system._replace(pulley=system.pulley._replace(k_t=0.0))  # sticks are no springs here
-    for number in range(begin, end):
-        step, parts, done = record[number], 1, 0
-        while done < parts:
-            motion = Motion(parts / float(step["dt"]), float(step["omega"]), 1.0, 0.0, 0.0)
-            s.q_old[:], moved, last = s.q, float(s.u[1]), s.last.copy()
-            if not _step(system, border, motion, s, step):
-                s.q[:], s.u[1], s.last[:] = s.q_old, moved, last
-                step["halvings"] += 1
-                if step["halvings"] > MOST_HALVINGS:
-                    return number
-                parts, done = 2 * parts, 2 * done
-                continue
-            done += 1
-            s.q_dot[:] = (s.q - s.q_old) * motion.rate
-            s.strains_old[:] = s.strains
-            s.last[:] = s.now
-        step["force"] = s.force
-        touching = s.now["F_N"] > 0.0
-        part = system.mesh.w_c[touching]
-        step["sticking"] = float(part @ s.now["sticks"][touching] / part.sum())
-    return end
-
-
-def _step(system: System, border: Border, motion: Motion, s: State, step: np.void) -> bool:
-    """Solve one step by Newton's method for the smooth forces and an LCP for those of friction."""
-    now, last = s.now, s.last
-    now["sticks"], now["sign"] = last["sticks"], last["sign"]
+    now, last, before, error = s.now, s.last, s.last.copy(), np.inf
     s.q[:] = s.q_old + s.q_dot / motion.rate
     units = np.tile([1.0, 1.0, system.h_min, system.h_min], s.q.size // 4)
-    for _ in range(MOST_ITERATIONS):
+    for iteration in range(2 * most):
         assemble(system, motion, s, False)  # a sticking point carries the force of ``last``
         hold(s, border.moves)
         at = np.nonzero(now["F_N"] > 0.0)
@@ -167,28 +130,25 @@ def _step(system: System, border: Border, motion: Motion, s: State, step: np.voi
         error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / np.hypot(*s.force[:2])
         wrong = np.where(sticks, np.abs(slip), -now["sign"][at] * slip)
         beyond = float(np.max(np.abs(force) / limit, initial=0.0)) - 1.0
-        step["residual"] = error
         if error <= TOLERANCE and beyond <= CONE_TOLERANCE and max(wrong, default=0.0) <= STILL:
-            step["cone"] = max(step["cone"], beyond)
-            return True
-        step["iterations"] += 1
+            return iteration, error
         if not factorize(s.A, s.pivots):
-            return False
+            break
         W = _directions(system, s, at)
         free, moved = _respond(border, s, -s.r, missing, by)
         responses = [_respond(border, s, w, 0.0, by) for w in W.T]
         compliance = np.array([response[0] for response in responses]).reshape(W.T.shape).T
         G = W.T @ compliance
         try:
-            wanted, slip, pivots = friction_lcp(G, slip - W.T @ free + G @ force, limit)
+            wanted, slip = friction_lcp(G, slip - W.T @ free + G @ force, limit)
         except ConvergenceError:
-            return False
-        step["changes"] += pivots
+            break
         s.q[:] += free + compliance @ (wanted - force)
         s.u[1] += moved + (wanted - force) @ np.array([response[1] for response in responses])
         last["F_T"][at], now["sticks"][at] = wanted, slip == 0.0
         now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
-    return False
+    last[:] = before
+    return -1, error
 
 
 def _missing(border: Border, s: State) -> tuple[float, Array]:

@@ -66,30 +66,17 @@ class Path:
 class Mesh(NamedTuple):
     """Shape functions of the elements for (r_i, r'_i, r_j, r'_j), for compiled code.
 
-    Attributes
-    ----------
-    h : ndarray, shape (n_e,)
-        Lengths of the elements [m].
-    D, DD : ndarray, shape (n_e, n_g, 4)
-        First and second derivatives of the shape functions at the Gauss points.
-    w_g : ndarray, shape (n_e, n_g)
-        Weights of the Gauss points [m].
-    N, N_s : ndarray, shape (n_e, n_c, 4)
-        Shape functions and first derivatives at the contact points, the midpoints of equal parts.
-    w_c : ndarray, shape (n_e, n_c)
-        Lengths of these parts [m].
-    M : ndarray, shape (n_e, 4, 4)
-        Mass matrices for 1 kg/m [m].
+    Contact points are the midpoints of equal parts of an element.
     """
 
-    h: Array
-    D: Array
+    h: Array  # lengths of the elements (n_e,) [m]
+    D: Array  # first and second derivatives at the Gauss points (n_e, n_g, 4)
     DD: Array
-    w_g: Array
-    N: Array
+    w_g: Array  # weights of the Gauss points (n_e, n_g) [m]
+    N: Array  # shape functions and first derivatives at the contact points (n_e, n_c, 4)
     N_s: Array
-    w_c: Array
-    M: Array
+    w_c: Array  # lengths of their parts (n_e, n_c) [m]
+    M: Array  # mass matrices for 1 kg/m (n_e, 4, 4) [m]
 
 
 def mesh_on(nodes: Array, n_c: int) -> Mesh:
@@ -148,16 +135,10 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
 
     The gap to the pulley obeys ``EI u'''' - T u'' + k (u + delta_0) = 0`` in contact, with the
     penetration ``delta_0`` of the pressure T/R and the stiffness k there; in the span the curvature
-    decays as ``exp(d/l)``. Curvature, shear and slope are continuous where u = 0.
-
-    Returns
-    -------
-    offset : float
-        Path coordinate of the first contact, from the tangent point towards the arc [m].
-    layer : float
-        Length over which the pressure grows from zero to its value on the arc [m].
-    slope : float
-        Growth of the penetration over the path at the first contact [-].
+    decays as ``exp(d/l)``. Curvature, shear and slope are continuous where u = 0. Returned are the
+    path coordinate of the first contact from the tangent point towards the arc [m], the length over
+    which the pressure grows from zero to its value on the arc [m], and the growth of the
+    penetration over the path at the first contact [-].
     """
     EI, R = belt.EI, rig.R
     delta = float(law.penetration(T / R))

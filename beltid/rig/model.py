@@ -15,7 +15,8 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.belt import Section
 from beltid.rig.contact import Pulley
 from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
-from beltid.rig.newton import Border, State, System, new_state
+from beltid.rig.newton import Border, System
+from beltid.rig.state import State, new_state
 
 Array = NDArray[np.float64]
 
@@ -48,27 +49,13 @@ def turning(rig: Rig, point: OperatingPoint) -> Border:
 
 @dataclass(frozen=True, slots=True)
 class RigModel:
-    """Belt, pulley and supports on the mesh of one run.
+    """Belt, pulley and supports on the mesh of one run."""
 
-    Parameters
-    ----------
-    path : Path
-        Support, arc, support.
-    point : OperatingPoint
-        Settings of the run.
-    nodes : ndarray, shape (n_e + 1,)
-        Path coordinates of the nodes [m].
-    system : System
-        Arrays for compiled code.
-    border : Border
-        What is given while the pulley turns.
-    """
-
-    path: Path
+    path: Path  # support, arc, support
     point: OperatingPoint
-    nodes: Array
-    system: System
-    border: Border
+    nodes: Array  # path coordinates of the nodes (n_e + 1,) [m]
+    system: System  # arrays for compiled code
+    border: Border  # what is given while the pulley turns
 
     def path_coordinates(self) -> Array:
         """Return the nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
@@ -86,39 +73,20 @@ class RigModel:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything that the runs of a campaign share.
-
-    Parameters
-    ----------
-    belt, rig, contact : Belt, Rig, Contact
-        Belt, rig geometry and contact settings.
-    law : NormalLaw
-        Normal contact law, Eq. (3).
-    surface : FrictionSurface
-        Coefficient of friction over line force and sliding speed.
-    """
+    """Everything that the runs of a campaign share."""
 
     belt: Belt
     rig: Rig
     contact: Contact
-    law: NormalLaw
+    law: NormalLaw  # Eq. (3)
     surface: FrictionSurface
 
     def model(self, point: OperatingPoint, mesh: int | RigModel | None = None) -> RigModel:
-        """Build the model of one run.
+        """Build the model of one run, on a number of elements or on the mesh of another model.
 
-        Parameters
-        ----------
-        point : OperatingPoint
-            The run.
-        mesh : int or RigModel, optional
-            Number of elements; or a model of a bench or point that differs a little, whose mesh is
-            taken, moved with spans and arc, so that differences are not those of two meshes.
-
-        Raises
-        ------
-        InputError
-            If the initial tension would stretch the belt by more than 20 %.
+        Such a model, of a bench or point that differs a little, lends its mesh, moved with spans
+        and arc, so that differences are not those of two meshes. An InputError says that the
+        initial tension would stretch the belt by more than 20 %.
         """
         belt, rig = self.belt, self.rig
         if point.T_0 > LARGEST_STRAIN * belt.EA:

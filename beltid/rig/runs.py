@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, InputError
-from beltid.laws.capstan import friction_coefficient, mean_normal_force
+from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.newton import STEP, march
-from beltid.rig.profile import profile
+from beltid.rig.newton import STEP, equilibrium
 from beltid.rig.steady import StaticState, lay_on, slide
 from beltid.rig.transient import run_transient
 
@@ -27,26 +26,12 @@ FEWEST_STEPS = 52
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of the simulation.
+    """Settings of the simulation; an InputError lists all that are wrong."""
 
-    Parameters
-    ----------
-    method : {"transient", "steady"}
-        Time stepping from the belt at rest, or Newton's method on the sliding limit.
-    elements : int, optional
-        Number of belt elements, even; by default what the contact asks for.
-    steps : int
-        Time steps of a transient run and of its recording. A step that does not converge is
-        subdivided.
-    friction_solver : {"newton", "lemke"}
-        Stick and slip by return mapping, or as the paper's linear complementarity problem, exactly
-        set-valued, by Lemke's method; slower.
-    """
-
-    method: Method = "transient"
-    elements: int | None = None
-    steps: int = DEFAULT_STEPS
-    friction_solver: Literal["newton", "lemke"] = "newton"
+    method: Method = "transient"  # in time from the belt at rest, or only the limit of sliding
+    elements: int | None = None  # even; by default what the contact asks for
+    steps: int = DEFAULT_STEPS  # of a transient run and of its recording
+    friction_solver: Literal["newton", "lemke"] = "newton"  # return mapping, or the paper's LCP
 
     def __post_init__(self) -> None:
         problems = []
@@ -60,57 +45,23 @@ class SimulationSettings:
             raise InputError(problems)
 
 
-@dataclass(frozen=True, slots=True)
-class SolverRecord:
-    """Statistics and certificate of the solver for one run.
-
-    Attributes
-    ----------
-    elements, steps : int
-        Belt elements; time steps (0 for the steady method).
-    newton_iterations : int
-        Total number of iterations.
-    status_changes : int
-        Changes of a point between stick and slide in all iterations, or pivots of Lemke's method.
-    halvings : int
-        Number of step halvings.
-    residual : float
-        Largest residual force of all steps over the tension [-].
-    slip_m : float
-        Drift: largest movement of a sticking point in its spring [m].
-    cone : float
-        Largest force beyond the friction cone over its limit [-].
-    clamped_lookups, lookups : int
-        Contact points in the sliding state: those whose line force or speed lies outside the
-        measured range, and all.
-    """
+class SolverRecord(NamedTuple):
+    """Statistics of the solver for one run."""
 
     elements: int
-    steps: int
-    newton_iterations: int
-    status_changes: int
-    halvings: int
-    residual: float
-    slip_m: float
-    cone: float
-    clamped_lookups: int
-    lookups: int
+    newton_iterations: int  # in all
+    halvings: int  # of steps
+    residual: float  # largest residual force of all steps over the tension [-]
+    clamped_lookups: int  # contact points that slide outside the measured range of the surface
+    lookups: int  # contact points that slide
 
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
     """One simulated run.
 
-    Attributes
-    ----------
-    model : RigModel
-        The rig.
-    sliding : StaticState
-        The sliding state; its contact along the arc is :attr:`profile`.
-    recording : dict of ndarray, or None
-        time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s of a transient run.
-    record : SolverRecord
-        Statistics and certificate of the solver.
+    The ``recording`` of a transient run has time_s, tension_tight_N, tension_slack_N and
+    pulley_speed_rad_s.
     """
 
     model: RigModel
@@ -141,29 +92,48 @@ class RunResult:
 
     @property
     def profile(self) -> dict[str, NDArray[np.generic]]:
-        """Sliding state along the arc, see :func:`beltid.rig.profile.profile`."""
-        return profile(self.model, self.sliding)
+        """The touching points of the sliding state, from the tight to the slack side.
+
+        arc_position_m (from the nominal tangent point on the tight side), normal_force_N_m,
+        capstan_force_N_m (Eq. (8) with the present tensions), tangential_force_N_m,
+        slip_speed_m_s, tension_N (axial force of the belt), sticks (bool).
+        """
+        state, path, mesh = self.sliding, self.model.path, self.model.system.mesh
+        touches = state.touching.ravel()
+        points = state.points.ravel()[touches]
+        phi = points["theta"] + 0.5 * path.beta
+        return {
+            "arc_position_m": path.R * phi,
+            "normal_force_N_m": points["f_N"],
+            "capstan_force_N_m": normal_force(phi, state.T_A, self.mu, path.R),
+            "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel()[touches] * state.stretch),
+            "slip_speed_m_s": points["speed"],
+            "tension_N": self._axial_force()[touches],
+            "sticks": points["sticks"],
+        }
+
+    def _axial_force(self) -> Array:
+        """Compute the axial force at the contact points from equilibrium of the belt, (m,) [N].
+
+        The strain of the elements oscillates about the true one; the forces of the support and of
+        the contact points do not. Half of a point's own force is included; inertia is neglected.
+        """
+        points = self.sliding.points.ravel()
+        sine, cosine = np.sin(points["theta"]), np.cos(points["theta"])
+        normal, tangent = np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)
+        force = points["F_N"][:, None] * normal + points["F_T"][:, None] * tangent
+        section = -(self.sliding.force[:2] + np.cumsum(force, axis=0) - 0.5 * force)
+        nodes = self.sliding.q.reshape(-1, 4)
+        pairs = np.concatenate([nodes[:-1], nodes[1:]], axis=1).reshape(-1, 4, 2)
+        along = np.einsum("ecj,ejk->eck", self.model.system.mesh.N_s, pairs).reshape(-1, 2)
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        return np.asarray(np.sum(section * along, axis=-1))
 
 
 def simulate(
     bench: Bench, point: OperatingPoint, settings: SimulationSettings | None = None
 ) -> RunResult:
-    """Simulate one run of the rig.
-
-    Parameters
-    ----------
-    bench : Bench
-        Belt, rig geometry, contact settings, normal law, friction surface.
-    point : OperatingPoint
-        Contact arc, initial tension, speed of the pulley.
-    settings : SimulationSettings, optional
-        Method and resolution.
-
-    Raises
-    ------
-    ConvergenceError
-        If an equilibrium or a step is not found.
-    """
+    """Simulate one run; a ConvergenceError says that an equilibrium or a step was not found."""
     ((_, result),) = campaign(bench, [point], settings)
     if isinstance(result, BeltidError):
         raise result
@@ -173,22 +143,10 @@ def simulate(
 def campaign(
     bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings | None = None
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Simulate many runs; those that differ only in speed share one laid-on and tightened belt.
+    """Yield the index of each run and its result, or the error of a run that failed.
 
-    Parameters
-    ----------
-    bench : Bench
-        Belt, rig and laws of all runs.
-    points : sequence of OperatingPoint
-        The runs.
-    settings : SimulationSettings, optional
-        Method and resolution.
-
-    Yields
-    ------
-    index, result : int, RunResult or BeltidError
-        The result of a run does not depend on the others. A failed run yields its error, and the
-        others continue.
+    Runs that differ only in speed share one laid-on and tightened belt; no result depends on the
+    other runs.
     """
     settings = settings or SimulationSettings()
     for indices in runs_of_one_belt(points):
@@ -219,11 +177,11 @@ def _simulated(
     """Simulate a run from the belt laid on and tightened."""
     last, recording, steps = slide(model, laid), None, np.zeros(0, dtype=STEP)
     if settings.method == "transient":
-        marcher = march
+        solver = equilibrium
         if settings.friction_solver == "lemke":
-            from beltid.rig.lcp import march_by_lemke as marcher
+            from beltid.rig.lcp import step_by_lemke as solver
         falls = bench.surface.falls_with_speed
-        steps, last = run_transient(model, laid, last, settings.steps, falls, marcher)
+        steps, last = run_transient(model, laid, last, settings.steps, falls, solver)
         tight, slack = np.hypot(steps["force"][:, ::2], steps["force"][:, 1::2]).T
         recording = {
             "time_s": np.append(0.0, np.cumsum(steps["dt"])),
@@ -235,13 +193,9 @@ def _simulated(
     inside = bench.surface.covers(touching["f_N"], touching["speed"])
     record = SolverRecord(
         elements=last.points.shape[0],
-        steps=steps.size,
         newton_iterations=last.iterations + (0 if steps.size else laid.iterations),
-        status_changes=int(steps["changes"].sum()),
         halvings=int(steps["halvings"].sum()),
         residual=max(last.residual, 0.0 if steps.size else laid.residual),
-        slip_m=float(steps["drift"].max(initial=0.0)),
-        cone=float(steps["cone"].max(initial=0.0)),
         clamped_lookups=int(np.count_nonzero(~inside)),
         lookups=touching.size,
     )

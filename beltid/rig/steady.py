@@ -13,12 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, solve_banded
 
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
-from beltid.rig.contact import Motion, Points
+from beltid.rig.banded import HALF
 from beltid.rig.model import LARGEST_STRAIN, RigModel, tightened
-from beltid.rig.newton import MOST_ITERATIONS, Border, State, equilibrium
+from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
+from beltid.rig.state import Motion, Points, State
 
 Array = NDArray[np.float64]
 
@@ -30,33 +32,15 @@ DEEPEST = 0.1  # largest plausible penetration over the radius
 
 @dataclass(frozen=True, slots=True)
 class StaticState:
-    """An equilibrium of the rig: laid on, sliding, or at the end of a time step.
+    """An equilibrium of the rig: laid on, sliding, or at the end of a time step."""
 
-    Attributes
-    ----------
-    q : ndarray, shape (n,)
-        Nodal coordinates.
-    stretch : float
-        Stress-free length over path length [-].
-    force : ndarray, shape (4,)
-        Forces of the supports A (tight side) and B (slack side) on the belt, x and y each [N].
-    points : Points
-        Contact points.
-    strains : ndarray, shape (n_e, n_g, 2)
-        Axial strain and curvature at the Gauss points.
-    iterations : int
-        Newton iterations.
-    residual : float
-        Largest residual force over T_A [-].
-    """
-
-    q: Array
-    stretch: float
-    force: Array
+    q: Array  # nodal coordinates (n,)
+    stretch: float  # stress-free length over path length [-]
+    force: Array  # of the supports A (tight side) and B on the belt, x and y each [N], (4,)
     points: Points
-    strains: Array
+    strains: Array  # axial strain and curvature at the Gauss points (n_e, n_g, 2)
     iterations: int
-    residual: float
+    residual: float  # largest residual force over T_A [-]
 
     @classmethod
     def of(cls, s: State, iterations: int, residual: float) -> StaticState:
@@ -82,12 +66,8 @@ class StaticState:
 def lay_on(model: RigModel) -> StaticState:
     """Lay the belt on the pulley without friction and tighten it until the support force is T_0.
 
-    Raises
-    ------
-    NumericsError
-        If the belt does not touch the pulley, or sinks far into it.
-    ConvergenceError
-        If Newton's method fails, also when T_0 is approached from higher tensions.
+    A ConvergenceError says that there is no equilibrium, also when T_0 is approached from higher
+    tensions; a NumericsError that it is meaningless.
     """
     T_0 = model.point.T_0
     stages = [[(0.0, tightened(k * T_0)) for k in factors] for factors in DETOURS]
@@ -96,22 +76,7 @@ def lay_on(model: RigModel) -> StaticState:
 
 
 def slide(model: RigModel, laid: StaticState) -> StaticState:
-    """Solve full sliding: the pulley turns under the resting belt, every touching point slides.
-
-    Parameters
-    ----------
-    model : RigModel
-        The rig on the mesh of the run.
-    laid : StaticState
-        The belt laid on and tightened.
-
-    Raises
-    ------
-    NumericsError
-        If the belt does not touch the pulley, or sinks far into it.
-    ConvergenceError
-        If Newton's method fails, also when the friction is raised in steps.
-    """
+    """Turn the pulley under the laid-on belt until every touching point slides; as `lay_on`."""
     stages = [[(share, model.border) for share in shares] for shares in STAGES]
     return _approach(model, laid.q, laid.stretch, stages, "the sliding belt")
 
@@ -129,7 +94,7 @@ def _approach(
         s.q_old[:], s.u[:] = start, (stretch, 0.0)
         for share, border in sequence:
             motion = Motion(0.0, model.point.omega, share)
-            count, _, residual = equilibrium(model.system, motion, border, s, MOST_ITERATIONS)
+            count, residual = equilibrium(model.system, motion, border, s, MOST_ITERATIONS)
             spent += count if count >= 0 else MOST_ITERATIONS
             if count < 0:
                 break
@@ -169,3 +134,54 @@ def _check_plausible(model: RigModel, state: StaticState) -> None:
 def describe(point: OperatingPoint) -> str:
     """Describe the settings of a run for messages."""
     return f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s"
+
+
+def tension_sensitivity(model: RigModel, sliding: StaticState) -> tuple[Array, Array, Array]:
+    """Differentiate both tensions of a sliding state by mu at every look-up, by the adjoint.
+
+    In an equilibrium the residual r(q; p) vanishes at the free coordinates and is the support force
+    at the held ones, whose magnitudes are the tensions T. With the tangent K, which contains the
+    change of mu with the force, and the directions t of the support forces,
+
+        dT/dp = -a . dr/dp,   K_free' a_free = (dT/dq)_free,   a_held = -t.
+
+    If a force ``w.T = W`` is given, the ends move by y, of which the tensions have the derivatives
+    T_y: ``dT_given = dT - T_y (w.dT)/(w.T_y)``. Returned are the line forces at which mu is looked
+    up [N/m], and the derivatives of tight and slack tension by mu there [N], shapes (m,).
+    """
+    a, points, touching = _adjoint(model, sliding), sliding.points, sliding.touching
+    nodes = a.reshape(2, -1, 2, 2)
+    elements = np.concatenate([nodes[:, :-1], nodes[:, 1:]], axis=2)
+    at = np.einsum("ecj,tejk->teck", model.system.mesh.N, elements)
+    theta = points["theta"]
+    along = at[..., 0] * np.cos(theta) - at[..., 1] * np.sin(theta)
+    tight, slack = (along * points["F_N"])[:, touching]
+    return points["f_N"][touching], tight, slack
+
+
+def _adjoint(model: RigModel, sliding: StaticState) -> Array:
+    """Return a (2, n) of both tensions; a ConvergenceError says that the tangent is singular."""
+    s, border = model.state(), model.border
+    s.q[:], s.u[:] = sliding.q, (sliding.stretch, 0.0)
+    assemble(model.system, Motion(0.0, model.point.omega), s, False)
+    hold(s, border.moves)
+    n = s.q.size
+    held = np.array([0, 1, n - 4, n - 3])
+    t, rows = np.zeros((2, 4)), np.zeros((4, n))
+    t[0, :2], t[1, 2:] = s.force[:2] / sliding.T_A, s.force[2:] / sliding.T_B
+    for i, row in enumerate(held.tolist()):
+        first, last = max(0, row - HALF), min(n, row + HALF + 1)
+        rows[i, first:last] = s.rows[i, HALF + first - row : HALF + last - row]
+    by_q = t @ rows
+    by_q[:, held] = 0.0
+    try:  # row i of the storage is column i of the transposed matrix
+        a = solve_banded((HALF, HALF), s.A[:, : 2 * HALF + 1].T, by_q.T).T
+    except LinAlgError:
+        raise ConvergenceError("the tangent of the sliding state is singular") from None
+    a[:, held] = -t
+    if border.kinds.size:
+        by_movement = s.columns[1].copy()
+        by_movement[held] = s.kept[1]
+        T_y, w = -a @ by_movement, border.weights[0]
+        a = a - np.outer(T_y / (w @ T_y), w @ a)
+    return np.asarray(a)

@@ -11,18 +11,15 @@ the travel of the build-up; this does not change the plateau.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.rig.model import RigModel
-from beltid.rig.newton import STEP, Border, State, System, march
+from beltid.rig.newton import STEP, Solver, equilibrium, march
+from beltid.rig.state import State
 from beltid.rig.steady import StaticState, describe
-
-Array = NDArray[np.float64]
 
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 15.0  # step of the plateau over that of the build-up: some 17 build-ups in all
@@ -30,8 +27,6 @@ STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
 SETTLING = 12.0  # duration of the plateau over the settling time of the contact, at least
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
 SETTLED = 5.0e-3  # largest relative difference between the last and the steady tensions [-]
-
-Marcher = Callable[[System, Border, State, Any, int, int], int]
 
 
 def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
@@ -59,9 +54,7 @@ def make_schedule(
     resolve, so vibrations from the start decay within the run. The plateau lasts several time
     constants of the contact, which are its damping over its stiffness.
     """
-    rest = max(steps // 13, 3)
-    build_up = steps // 2
-    plateau = steps - rest - build_up
+    rest, build_up = max(steps // 13, 3), steps // 2
     travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
     dt = travel / build_up / (model.path.R * model.point.omega)
     period = 2.0 * model.path.span * math.sqrt(model.system.section.rhoA / sliding.T_B)
@@ -71,7 +64,7 @@ def make_schedule(
     record = np.zeros(steps, dtype=STEP)
     record["dt"], record["omega"][rest:] = dt, model.point.omega
     record["dt"][rest + build_up :] = max(
-        PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / plateau
+        PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / (steps - rest - build_up)
     )
     return record
 
@@ -82,36 +75,20 @@ def run_transient(
     sliding: StaticState,
     steps: int,
     falls: bool = False,
-    marcher: Marcher = march,
+    solver: Solver = equilibrium,
 ) -> tuple[NDArray[np.void], StaticState]:
-    """Turn the pulley under the laid-on and tightened belt until the plateau.
+    """Turn the pulley under the laid-on belt until the plateau; return all steps, the last state.
 
-    Parameters
-    ----------
-    model, laid, sliding : RigModel, StaticState, StaticState
-        The rig, its initial state, and the limit, which determines the travel of the build-up.
-    steps, falls : int, bool
-        Time steps; whether mu falls with the speed anywhere.
-    marcher : callable
-        :func:`beltid.rig.newton.march`, or :func:`beltid.rig.lcp.march_by_lemke`.
-
-    Returns
-    -------
-    record, last : ndarray of :data:`beltid.rig.newton.STEP` (steps,), StaticState
-        The steps, and the belt at the end.
-
-    Raises
-    ------
-    ConvergenceError
-        If a step fails after all halvings, or the plateau does not settle.
+    The steady state ``sliding`` tells the travel of the build-up, ``falls`` whether mu falls with
+    the speed anywhere. A ConvergenceError says that a step failed after all halvings, or that the
+    plateau does not settle.
     """
-    record = make_schedule(model, laid, sliding, steps)
-    system = model.system
+    record, system = make_schedule(model, laid, sliding, steps), model.system
     if falls:
         memory = MEMORY * build_up_travel(model, laid, sliding)
         system = system._replace(pulley=system.pulley._replace(memory=memory))
     s = at_rest(model, laid)
-    done = marcher(system, model.border, s, record, 0, steps)
+    done = march(system, model.border, s, record, solver)
     if done < steps:
         step = record[done]
         raise ConvergenceError(

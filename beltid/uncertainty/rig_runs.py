@@ -22,8 +22,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.sensitivity import tension_sensitivity
-from beltid.rig.steady import StaticState, lay_on, slide
+from beltid.rig.steady import StaticState, lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
 
@@ -150,11 +149,11 @@ class RigRuns:
         for model, state, surface in self._states(surfaces):
             beta, speed = model.point.beta, model.point.omega * model.path.R
             mu = float(friction_coefficient(state.T_A, state.T_B, beta))
-            s = tension_sensitivity(model, state)
-            per_mu = s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B
-            weight = per_mu / (beta * mu) * surface.mu(s.normal_force_N_m, speed)
+            force, tight, slack = tension_sensitivity(model, state)
+            per_mu = tight / state.T_A - slack / state.T_B
+            weight = per_mu / (beta * mu) * surface.mu(force, speed)
             load = state.points[state.touching]["F_N"]
-            runs.append(Sliding(state.T_A, state.T_B, mu, s.normal_force_N_m, load, weight))
+            runs.append(Sliding(state.T_A, state.T_B, mu, force, load, weight))
         return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:

@@ -13,10 +13,15 @@ from hypothesis.extra import numpy as hnp
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
-from beltid.laws.bicubic import bounded_cubic, bounded_patches
+from beltid.laws.bicubic import (
+    SurfaceTables,
+    bounded_cubic,
+    bounded_patches,
+    evaluate_cell,
+    locate,
+)
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.slow_friction import continued
-from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, locate
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 V = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])

@@ -9,9 +9,9 @@ from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
 from beltid.rig.banded import HALF, WIDTH, factorize, solve
-from beltid.rig.contact import Motion
 from beltid.rig.model import RigModel
-from beltid.rig.newton import State, assemble
+from beltid.rig.newton import assemble
+from beltid.rig.state import Motion, State
 from beltid.rig.transient import at_rest
 
 OMEGA = 0.3
