@@ -1,19 +1,7 @@
-"""Prediction of a belt drive from the identified laws.
+"""Prediction of a belt drive from the identified laws; equations (D1) to (D15) of the theory page.
 
-=============  ===================================================================  ==============
-Module         Responsibility                                                       Equation
-=============  ===================================================================  ==============
-``model``      Pulleys, installation and operating point of a drive
-``geometry``   Tangent spans, wrap angles, arm of the tensioner
-``string``     The belt on its pulleys: strain, seating, creep, sliding, torque     (D1) to (D6)
-``rest``       The belt at rest: tension, length, arm of the tensioner
-``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
-``rods``       The same loop with a rod on each pulley                              (D12), (D15)
-``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)
-``limits``     Torque at which adhesion ends, and slip limit
-``tolerance``  The drive with belts of least, mean and largest length
-``agreement``  Predicted against measured speed losses; what a recording resolves
-=============  ===================================================================  ==============
-
-The equations are on the theory page, sections on the belt drive.
+A ``Drive`` (``model``) is laid out (``geometry``) and its belt tightened (``rest``). The belt on
+its pulleys is a ``string`` or consists of ``rods``; ``loop`` closes it under load. ``results``
+reads speed losses, forces and reserves from the solution, ``limits`` looks for the largest torque
+and for the belts within their tolerance, ``agreement`` compares with measured speed losses.
 """

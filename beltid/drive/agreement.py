@@ -7,102 +7,53 @@ loss hardly depends on friction, so that it is not tested unless a pulley slides
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-RESOLVED: Final = 3.0
-"""Standard uncertainties of the difference that a resolved part of the loss must exceed."""
-MOST_OF_ARC: Final = 0.7
-"""Share of an arc that must slide for the loss to depend on friction."""
-ENOUGH: Final = 0.5
-"""Share of the points to be judged that must have a prediction."""
+RESOLVED = 3.0  # standard uncertainties of the difference that a resolved part must exceed
+MOST_OF_ARC = 0.7  # share of an arc that must slide for the loss to depend on friction
+ENOUGH = 0.5  # share of the points to be judged that must have a prediction
 
 
 class LossPoints(NamedTuple):
-    """Measured and predicted speed losses of the same points, arrays (n,) [rad/s].
-
-    Attributes
-    ----------
-    measured, measured_u : ndarray
-        Loss and its standard uncertainty.
-    predicted, predicted_u : ndarray
-        Loss and its standard uncertainty; nan without a steady state.
-    creep, seating, slip : ndarray
-        Predicted parts of the loss.
-    torque : ndarray
-        Torque [N m].
-    arc_share : ndarray
-        Largest share of an arc that slides [-].
-    usable : ndarray of bool
-        Measured points that are complete and not in gross slip.
-    """
+    """Measured and predicted speed losses of the same points, arrays (n,) [rad/s]."""
 
     measured: Array
-    measured_u: Array
-    predicted: Array
+    measured_u: Array  # standard uncertainty
+    predicted: Array  # nan without a steady state
     predicted_u: Array
-    creep: Array
+    creep: Array  # predicted parts
     seating: Array
     slip: Array
-    torque: Array
-    arc_share: Array
-    usable: NDArray[np.bool_]
+    torque: Array  # [N m]
+    arc_share: Array  # largest share of an arc that slides [-]
+    usable: NDArray[np.bool_]  # measured points that are complete and not in gross slip
 
 
 class LossAgreement(NamedTuple):
-    """Agreement of predicted and measured losses.
+    """Agreement of predicted and measured losses."""
 
-    Attributes
-    ----------
-    points : LossPoints
-        The compared points.
-    judged : ndarray of bool (n,)
-        Points that count.
-    asked : int
-        Number of points that should count; those without a prediction do not.
-    difference, u_validation : ndarray (n,)
-        Predicted less measured loss, and its standard uncertainty [rad/s].
-    rms_relative, rms_over_u : float
-        Root mean square of difference over measured loss, and over its standard uncertainty [-].
-    prominence : dict of str to float
-        Largest size of each part of the loss over the uncertainty of the difference [-]. Points of
-        unknown uncertainty do not count; a part over zero uncertainty is infinite.
-    largest_arc_share : float
-        Largest share of an arc that slides, over the judged points [-].
-    passed : bool
-        Whether `rms_relative` is within tolerance, with predictions for at least half of `asked`.
-    """
-
-    points: LossPoints
-    judged: NDArray[np.bool_]
-    asked: int
-    difference: Array
-    u_validation: Array
-    rms_relative: float
-    rms_over_u: float
+    judged: NDArray[np.bool_]  # points that count (n,)
+    asked: int  # points that should count; those without a prediction do not
+    difference: Array  # predicted less measured loss (n,) [rad/s]
+    u_validation: Array  # its standard uncertainty (n,) [rad/s]
+    rms_relative: float  # root mean square of difference over measured loss [-]
+    rms_over_u: float  # and over its standard uncertainty
+    # largest size of each part of the loss over the uncertainty of the difference [-]; points of
+    # unknown uncertainty do not count, a part over zero uncertainty is infinite
     prominence: dict[str, float]
-    largest_arc_share: float
-    passed: bool
+    largest_arc_share: float  # of an arc that slides, over the judged points [-]
+    passed: bool  # rms_relative is within tolerance, with predictions for at least half of `asked`
 
 
 def compare_losses(
     points: LossPoints, max_rms_relative_error: float, min_torque_share: float
 ) -> LossAgreement:
-    """Judge a prediction by the points with enough torque.
-
-    Parameters
-    ----------
-    points : LossPoints
-        Measured and predicted losses.
-    max_rms_relative_error : float
-        Tolerance of the root mean square of difference over measured loss [-].
-    min_torque_share : float
-        Points with less than this share of the largest torque are not judged.
-    """
+    """Judge a prediction by the points with enough torque: a share of the largest one [-]."""
     torque = np.abs(points.torque)
     eligible = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
     eligible &= points.measured != 0.0
@@ -121,7 +72,6 @@ def compare_losses(
             for name in ("creep", "seating", "slip")
         }
     return LossAgreement(
-        points,
         judged,
         int(eligible.sum()),
         difference,

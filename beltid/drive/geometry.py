@@ -35,58 +35,27 @@ def following(values: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Spans and arcs of a belt on its pulleys; span i runs from pulley i to the next one.
+    """Spans and arcs of a belt on its pulleys; span i runs from pulley i to the next one."""
 
-    Attributes
-    ----------
-    centres : ndarray (n, 2)
-        Centres of the pulleys [m].
-    starts, ends : ndarray (n, 2)
-        Tangent points where the spans begin and end [m].
-    spans : ndarray (n,)
-        Lengths of the spans [m].
-    directions : ndarray (n, 2)
-        Unit vectors of the spans in the running direction [-].
-    wraps : ndarray (n,)
-        Angles of the arcs between tangent points [rad].
-    senses : ndarray (n,)
-        +1 where a pulley turns anticlockwise, -1 where it turns clockwise.
-    """
-
-    centres: Array
-    starts: Array
+    centres: Array  # of the pulleys (n, 2) [m]
+    starts: Array  # tangent points where the spans begin and end (n, 2) [m]
     ends: Array
-    spans: Array
-    directions: Array
-    wraps: Array
-    senses: Array
+    spans: Array  # lengths (n,) [m]
+    directions: Array  # unit vectors of the spans in the running direction (n, 2)
+    wraps: Array  # angles of the arcs between tangent points (n,) [rad]
+    senses: Array  # +1 where a pulley turns anticlockwise, -1 where it turns clockwise (n,)
 
     def hub_forces(self, P: Array) -> Array:
-        """Return the force of the belt on the axis of each pulley [N], shape (n, 2).
-
-        Parameters
-        ----------
-        P : ndarray (n,)
-            Effective forces of the spans [N].
-        """
+        """Return the force of the belt on each axis (n, 2) [N] at the effective span forces P."""
         leaving = P[:, None] * self.directions
         return leaving - preceding(leaving)
 
 
 def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
-    """Lay the belt on the pulleys of a drive.
+    """Lay the belt on the pulleys of a drive, with the tensioner's arm at an angle [rad].
 
-    Parameters
-    ----------
-    drive : Drive
-        Pulleys in the order of the belt.
-    arm_angle : float, optional
-        Angle of the tensioner's arm [rad]; without it the pulley keeps its stated centre.
-
-    Raises
-    ------
-    InputError
-        If pulleys overlap or no belt path fits them.
+    Without it the pulley on the arm keeps its stated centre. An InputError says that pulleys
+    overlap or that no belt path fits them.
     """
     pulleys = list(drive.pulleys)
     if arm_angle is not None and drive.tensioner is not None:

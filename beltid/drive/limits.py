@@ -1,63 +1,42 @@
-"""Torque limits of a drive: the end of adhesion, and the onset of unbounded slip."""
+"""Limits of a drive: end of adhesion, onset of unbounded slip, belts within their tolerance."""
 
 from __future__ import annotations
 
 import functools
 import math
 from contextlib import suppress
-from dataclasses import replace
-from typing import Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from beltid.drive.loop import LoopState, solve_loop
-from beltid.drive.model import DrivePoint
-from beltid.drive.results import Simulator
+from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.results import DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 
-TOLERANCE: Final = 2e-5
-"""Relative tolerance of a limit of a string."""
-ROD_TOLERANCE: Final = 3e-3
-"""Relative change at which a limit of rods is left."""
-BELOW: Final = (0.97, 0.9)
-"""Shares of a limit of rods at which they are solved next; nearer, most have no steady state."""
-MOST_ROUNDS: Final = 2
-"""Four, from 0.999 on, would move a limit by up to 0.7 % and take three times as long."""
-STEP: Final = 1.5
-"""Ratio of two factors at which a limit is bracketed."""
-LARGEST_FACTOR: Final = 2.0**20
-SMALLEST_FACTOR: Final = 2.0**-20
-MOST_RESERVE: Final = 10.0
+TOLERANCE = 2e-5  # relative, of a limit of a string
+ROD_TOLERANCE = 3e-3  # relative change at which a limit of rods is left
+# shares of a limit of rods at which they are solved next; nearer, most have no steady state. Four
+# rounds, from 0.999 on, would move a limit by up to 0.7 % and take three times as long
+BELOW, MOST_ROUNDS = (0.97, 0.9), 2
+STEP = 1.5  # ratio of two factors at which a limit is bracketed
+SMALLEST_FACTOR, LARGEST_FACTOR = 2.0**-20, 2.0**20
+MOST_RESERVE = 10.0
 
 
 class SlipLimit(NamedTuple):
-    """Torque limits of an operating point, with all torques and powers scaled together.
+    """Torque limits of an operating point, as factors on all of its torques and powers [-]."""
 
-    Attributes
-    ----------
-    adhesion : float
-        Factor on the torques at which the first pulley loses its adhesion arc [-].
-    slip : float
-        Factor beyond which no steady sliding within the measured speeds transmits them [-].
-    """
-
-    adhesion: float
-    slip: float
+    adhesion: float  # at which the first pulley loses its adhesion arc
+    slip: float  # beyond which no steady sliding within the measured speeds transmits them
 
 
 def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
-    """Find the largest factors on the torques of a point, by the method of the simulator.
+    """Find the largest factors on the torques of a point, which must not all be zero.
 
-    Parameters
-    ----------
-    simulator : Simulator
-        Simulator of the drive.
-    point : DrivePoint
-        Speed, tension and the proportion of the torques, which must not all be zero.
-
-    Notes
-    -----
     Torques without a steady state count as not transmitted: just below gross slip the sliding speed
     grows without bound with the torque. With rods the limit is that of the string with the
     differences of rods and string of a state just below it.
@@ -130,3 +109,42 @@ def _of_level(
         if low < SMALLEST_FACTOR:
             return 0.0
     return float(brentq(margin, low, high, xtol=TOLERANCE * high, rtol=TOLERANCE))
+
+
+@dataclass(frozen=True, slots=True)
+class InstalledBelt:
+    """A drive with a belt of one of the lengths: name, stress-free length [m], solved point."""
+
+    name: str
+    length: float
+    result: DriveResult
+
+    @property
+    def hub_force_at_rest(self) -> NDArray[np.float64]:
+        """Force of the belt on the axis of each pulley at rest [N], shape (n,)."""
+        rest = self.result.rest
+        forces = rest.laid.hub_forces(np.full(rest.laid.spans.size, rest.T_0))
+        return np.hypot(*self.result.in_order(forces).T)
+
+    @property
+    def largest_tension(self) -> float:
+        """Largest tension of a span at the operating point [N]."""
+        return float(np.max(self.result.tensions[0]))
+
+
+def installed_belts(
+    drive: Drive, method: Method, point: DrivePoint, tolerance: float
+) -> list[InstalledBelt]:
+    """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
+
+    It states together what a belt is made with, how it grows with temperature and wears; its
+    tensioner turns until it meets a stop. The drive states the length of the belt, or a tension
+    that determines it. An InputError says that a belt is too long or too short for the pulleys.
+    """
+    mean = Simulator(drive, method).solve(point).rest.belt_length
+    point, found = replace(point, T_0=np.nan), []
+    for name, share in (("min", -1.0), ("mean", 0.0), ("max", 1.0)):
+        length = mean + share * tolerance
+        result = Simulator(replace(drive, belt_length=length), method).solve(point)
+        found.append(InstalledBelt(name, length, result))
+    return found

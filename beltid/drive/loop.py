@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,50 +23,25 @@ from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]
 
-TOLERANCE: Final = 1e-8
-"""Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
-DAMPED: Final = 0.1
-"""First step of the second attempt, over the size of the unknowns; 100 in the first one."""
-SLACK: Final = 1e-5
-"""A span with less than this share of the largest span force is slack."""
-LARGEST: Final = 1e4
-"""Largest scaled force, flow or angle that is tried."""
-SLOWEST: Final = 1e-3
-"""Smallest flow for which the belt on the pulleys is computed, over that of the driver."""
+TOLERANCE = 1e-8  # of the scaled equations: torque over T_0 R, strain over T_0/EA, speed
+DAMPED = 0.1  # first step of the second attempt, over the size of the unknowns; 100 in the first
+SLACK = 1e-5  # share of the largest span force below which a span is slack
+LARGEST = 1e4  # scaled force, flow or angle that is tried
+SLOWEST = 1e-3  # flow for which the belt on the pulleys is computed, over that of the driver
 
 
 @dataclass(frozen=True, slots=True)
 class LoopState:
-    """A steady state of the loop.
+    """A steady state of the loop; span i leaves pulley i."""
 
-    Attributes
-    ----------
-    P : ndarray (n,)
-        Effective forces P = N - m v0^2 (1 + eps) of the spans [N]; span i leaves pulley i.
-    v0 : float
-        Stress-free length of belt that passes a point per second [m/s].
-    arm_angle : float or None
-        Angle of the tensioner's arm [rad].
-    laid : Layout
-        Spans and wraps.
-    arcs : Arcs
-        State of the belt on the pulleys.
-    level : Level
-        Model of the belt on the pulleys that found it.
-    slack : bool
-        Whether the torques leave a span without force; the other values are then meaningless.
-    rods : tuple of FlowState or None
-        Rod on each pulley; empty at string level, None for a pulley that stays at string level.
-    """
-
-    P: Array
-    v0: float
-    arm_angle: float | None
+    P: Array  # effective forces P = N - m v0^2 (1 + eps) of the spans (n,) [N]
+    v0: float  # stress-free length of belt that passes a point per second [m/s]
+    arm_angle: float | None  # of the tensioner [rad]
     laid: Layout
     arcs: Arcs
-    level: Level
-    slack: bool = False
-    rods: tuple[FlowState | None, ...] = ()
+    level: Level  # that found it
+    slack: bool = False  # a span is left without force; the other values are then meaningless
+    rods: tuple[FlowState | None, ...] = ()  # on each pulley; empty for strings, None for the back
 
     @property
     def P_in(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,123 +20,58 @@ Array = NDArray[np.float64]
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 
-ARM_MISFIT: Final = 0.03
-"""Largest error of a tensioner pulley's distance from the pivot, relative to the arm length.
-
-Only the direction from the pivot to the stated centre is used."""
+ARM_MISFIT = 0.03  # error of a tensioner pulley's distance from the pivot, over the arm length
 
 
 @dataclass(frozen=True, slots=True)
 class Pulley:
-    """One pulley of the drive.
+    """One pulley of the drive."""
 
-    Parameters
-    ----------
-    name : str
-        Name in tables and messages.
-    x, y : float
-        Centre [m]; for the pulley on the tensioner's arm, at the mean position of the arm.
-    R : float
-        Radius of the belt's centreline without load [m].
-    ribs : bool
-        Whether the ribs of the belt touch the pulley, rather than its back.
-    drag : float
-        Drag torque of the bearing [N m], >= 0, also present when the drive idles.
-    """
-
-    name: str
-    x: float
+    name: str  # in tables and messages
+    x: float  # centre [m]; on the tensioner's arm, at its mean position
     y: float
-    R: float
-    ribs: bool = True
-    drag: float = 0.0
+    R: float  # radius of the belt's centreline without load [m]
+    ribs: bool = True  # whether the ribs of the belt touch the pulley, rather than its back
+    drag: float = 0.0  # of the bearing [N m], >= 0, also when the drive idles
 
 
 @dataclass(frozen=True, slots=True)
 class Tensioner:
     """A spring-loaded arm that carries one of the pulleys.
 
-    The spring turns the arm towards its free angle with the moment
-    ``preload + rate |angle - free_angle|``.
-
-    Parameters
-    ----------
-    pulley : int
-        Index of the pulley on the arm.
-    pivot : tuple of float
-        Axis of the arm [m].
-    arm : float
-        Length from the pivot to the pulley's centre [m].
-    free_angle : float
-        Angle of the arm at the free end of its travel [rad], as the polar angle of the pulley's
-        centre about the pivot.
-    preload, rate : float
-        Moment at the free angle [N m] and its growth [N m/rad].
-    stops : tuple of float
-        Angles between which the arm turns [rad], ascending, within pi of the free angle.
+    The spring turns the arm towards its free angle, the polar angle of the pulley's centre about
+    the pivot at the free end of its travel, with ``preload + rate |angle - free_angle|``.
     """
 
-    pulley: int
-    pivot: tuple[float, float]
-    arm: float
-    free_angle: float
-    preload: float
-    rate: float
-    stops: tuple[float, float] = (-math.inf, math.inf)
+    pulley: int  # index of the pulley on the arm
+    pivot: tuple[float, float]  # axis of the arm [m]
+    arm: float  # length from the pivot to the pulley's centre [m]
+    free_angle: float  # [rad]
+    preload: float  # moment at the free angle [N m]
+    rate: float  # its growth [N m/rad]
+    stops: tuple[float, float] = (-math.inf, math.inf)  # [rad], ascending, within pi of the free
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """Belt, laws of contact, pulleys and installation of a drive.
 
-    Parameters
-    ----------
-    belt : Belt
-        Axial stiffness, bending stiffness and mass per stress-free length.
-    law : NormalLaw or None
-        Contact of the ribs, Eq. (3); None for rigid pulleys.
-    surface : FrictionSurface
-        Friction coefficient of the ribs, as measured.
-    pulleys : tuple of Pulley
-        Pulleys in the order in which the belt passes them, at least two.
-    driver : int
-        Index of the pulley that drives the belt.
-    installation : {"fixed_centres", "slack_force", "tensioner"}
-        What sets the tension: fixed pulley centres, a given force in the span that leaves the
-        driver, or the arm of a tensioner.
-    tensioner : Tensioner, optional
-        Required with the installation "tensioner", not allowed otherwise.
-    back_friction : float
-        Friction coefficient of the back of the belt, which is assumed to be rigid.
-    slow_trend : float
-        Share of the trend at the slowest measured speed with which friction is extrapolated below
-        it, (D14) [-], 0 to 1. Another share than half of it bounds the uncertainty.
-    belt_length : float
-        Stress-free length of the belt [m], which then determines its tension at rest; nan if the
-        tension determines it.
-
-    Attributes
-    ----------
-    friction : SurfaceTables
-        The surface with its continuation.
-
-    Raises
-    ------
-    InputError
-        If there is one pulley only, or that of the tensioner is not at the end of its arm.
+    Fixed pulley centres, a given force in the span that leaves the driver, or the arm of a
+    tensioner set the tension. An InputError says that there is one pulley only, or that that of
+    the tensioner is not at the end of its arm, of which only its direction is used.
     """
 
     belt: Belt
-    law: NormalLaw | None
-    surface: FrictionSurface
-    pulleys: tuple[Pulley, ...]
+    law: NormalLaw | None  # of the ribs, Eq. (3); None for rigid pulleys
+    surface: FrictionSurface  # of the ribs, as measured
+    pulleys: tuple[Pulley, ...]  # as the belt passes them, at least two
     driver: int = 0
     installation: Installation = "fixed_centres"
-    tensioner: Tensioner | None = None
-    back_friction: float = 0.5
-    slow_trend: float = HALF_TREND
-    belt_length: float = math.nan
-    friction: SurfaceTables = field(init=False, repr=False, compare=False)
+    tensioner: Tensioner | None = None  # only with the installation "tensioner"
+    back_friction: float = 0.5  # coefficient of the back of the belt, which is rigid
+    slow_trend: float = HALF_TREND  # share of the trend below the slowest measured speed, (D14)
+    belt_length: float = math.nan  # stress-free [m], sets the tension at rest; nan: set by it
+    friction: SurfaceTables = field(init=False, repr=False, compare=False)  # continued surface
 
     def __post_init__(self) -> None:
         arm = self.tensioner
@@ -169,25 +104,14 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class DrivePoint:
-    """Settings of one operating point.
+    """Settings of one operating point."""
 
-    Parameters
-    ----------
-    omega : float
-        Speed of the driver [rad/s]; negative if the belt runs against the order of the pulleys.
-    T_0 : float
-        Belt tension at rest [N]; with a given slack force the effective force P of that span in
-        motion, less than its tension by m v²; nan if a tensioner or the belt's length sets it.
-    torque : tuple of float
-        Torque taken off at each pulley [N m], braking > 0; the driver's entry is ignored.
-    power : tuple of float
-        Power taken off at each pulley [W], in addition to the torque; empty for none.
-    """
-
-    omega: float
+    omega: float  # of the driver [rad/s]; < 0 if the belt runs against the order of the pulleys
+    # tension at rest [N]; with a given slack force the effective force P of that span in motion,
+    # less than its tension by m v²; nan if a tensioner or the belt's length sets it
     T_0: float
-    torque: tuple[float, ...]
-    power: tuple[float, ...] = ()
+    torque: tuple[float, ...]  # taken off at each pulley [N m]; the driver's entry is ignored
+    power: tuple[float, ...] = ()  # taken off in addition [W]; empty for none
 
     def __post_init__(self) -> None:
         problems = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,33 +17,18 @@ from beltid.errors import InputError
 
 Array = NDArray[np.float64]
 
-ARM_STEP: Final = math.radians(0.5)
-"""Step in which the arm of a tensioner is turned until a sign changes [rad]."""
+ARM_STEP = math.radians(0.5)  # in which the arm of a tensioner is turned until a sign changes
 
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """The belt at rest under a uniform tension.
+    """The belt at rest under a uniform tension."""
 
-    Attributes
-    ----------
-    T_0 : float
-        Tension [N].
-    arm_angle : float or None
-        Angle of the tensioner's arm [rad].
-    belt_length : float
-        Stress-free length of the belt [m]; nan with a given slack force.
-    laid : Layout
-        Spans and wraps.
-    at_stop : bool
-        Whether the arm rests against a stop.
-    """
-
-    T_0: float
-    arm_angle: float | None
-    belt_length: float
+    T_0: float  # [N]
+    arm_angle: float | None  # of the tensioner [rad]
+    belt_length: float  # stress-free [m]; nan with a given slack force
     laid: Layout
-    at_stop: bool = False
+    at_stop: bool = False  # whether the arm rests against a stop
 
 
 def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:

@@ -21,6 +21,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rest import RestState, rest_state
 from beltid.drive.rods import RodLevel, adhesion_arc
 from beltid.drive.string import Level
+from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]
 
@@ -31,93 +32,49 @@ FULL_SLIP: Final = "full slip"
 GROSS_SLIP: Final = "gross slip"
 SLACK: Final = "slack"
 
-PLACES: Final = 60
-"""Number of points along the sliding arc of the string."""
+PLACES: Final = 60  # along the sliding arc of the string
 
 
 class SpeedLoss(NamedTuple):
-    """Loss of angular speed of every pulley against idling, all arrays (n,) [rad/s].
+    """Loss of angular speed of every pulley against idling, and its parts, all (n,) [rad/s].
 
-    Attributes
-    ----------
-    total : ndarray
-        Speed when idling less speed under load, at the same speed of the driver; positive if a
-        pulley falls behind.
-    creep, seating, slip : ndarray
-        Parts due to the strains of the belt, the penetrations, and pulleys that slide as a whole.
+    It is the speed when idling less that under load, at the same speed of the driver.
     """
 
     total: Array
-    creep: Array
-    seating: Array
-    slip: Array
+    creep: Array  # by the strains of the belt
+    seating: Array  # by the penetrations
+    slip: Array  # of pulleys that slide as a whole
 
 
 class SlidingShares(NamedTuple):
-    """Where the friction of the pulleys acts, all arrays (n,).
+    """Where the friction of the pulleys acts, all arrays (n,)."""
 
-    Attributes
-    ----------
-    slip_speed_max : ndarray
-        Largest sliding speed [m/s].
-    normal_force_min, normal_force_max : ndarray
-        Smallest and largest line force [N/m].
-    below_speed_range : ndarray
-        Share of the sliding friction below the lowest measured sliding speed [-].
-    outside_force_range : ndarray
-        Share of the sliding friction outside the measured line forces [-].
-    steady_states : ndarray of int
-        Number of states in which the arc carries its forces; more than one only if mu falls with
-        speed.
-    """
-
-    slip_speed_max: Array
-    normal_force_min: Array
+    slip_speed_max: Array  # [m/s]
+    normal_force_min: Array  # line forces [N/m]
     normal_force_max: Array
-    below_speed_range: Array
-    outside_force_range: Array
-    steady_states: NDArray[np.int64]
+    below_speed_range: Array  # share of the sliding friction below the measured speeds [-]
+    outside_force_range: Array  # and outside the measured line forces [-]
+    steady_states: NDArray[np.int64]  # that carry the forces; more than one only if mu falls with v
 
 
 class ArcProfile(NamedTuple):
-    """Contact along the arc of a pulley, starting at the entry; arrays of equal length.
+    """Contact along the arc of a pulley, starting at the entry; arrays of equal length."""
 
-    Attributes
-    ----------
-    angle : ndarray
-        Angle from the tangent point of the entering span [rad].
-    normal_force : ndarray
-        Line force [N/m].
-    slip_speed : ndarray
-        Speed of the pulley's surface against the belt [m/s], > 0 where the pulley is ahead.
-    """
-
-    angle: Array
-    normal_force: Array
-    slip_speed: Array
+    angle: Array  # from the tangent point of the entering span [rad]
+    normal_force: Array  # [N/m]
+    slip_speed: Array  # [m/s], > 0 where the pulley is ahead of the belt
 
 
 @dataclass(frozen=True, slots=True)
 class DriveResult:
-    """Result at one operating point; arrays (n,) follow the pulleys in the order of `drive`.
-
-    Attributes
-    ----------
-    point : DrivePoint
-        The operating point.
-    drive : Drive
-        The drive, its belt running in the order of the pulleys.
-    rest : RestState
-        The belt at rest.
-    state, idle : LoopState
-        States under load, and without the torques that are taken off.
-    """
+    """Result at one operating point; arrays (n,) follow the pulleys in the order of `drive`."""
 
     point: DrivePoint
-    drive: Drive
+    drive: Drive  # its belt runs in the order of the pulleys
     rest: RestState
-    state: LoopState
-    idle: LoopState
+    state: LoopState  # under load
+    idle: LoopState  # without the torques that are taken off
 
     def in_order(self, values: Array) -> Array:
         """Reorder values (n, ...) of the pulleys to the order in which the user stated them."""
@@ -188,44 +145,48 @@ class DriveResult:
 
         Below 1 the whole pulley slides; infinite on an idler. A rod can slide where it sticks.
         """
-        needed, room = self.state.arcs.needed, self.state.arcs.room.copy()
-        for i, rod in enumerate(self.state.rods):
-            if rod is not None and self.state.arcs.slip[i] == 0.0:
-                room[i] = needed[i] + adhesion_arc(rod)
-        idler = np.full(needed.size, np.inf)
-        return self._known(np.divide(room, needed, out=idler, where=needed > 0.0))
+        arcs, sticks = self.state.arcs, self._adhesion
+        is_string = np.isnan(sticks) | (arcs.slip != 0.0)
+        room = np.where(is_string, arcs.room, arcs.needed + sticks)
+        idler = np.full(room.size, np.inf)
+        return self._known(np.divide(room, arcs.needed, out=idler, where=arcs.needed > 0.0))
 
     @property
     def arc_used(self) -> Array:
         """Arc that does not stick on each pulley [rad]."""
-        used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
-        for i, rod in enumerate(self.state.rods):
-            if rod is not None:
-                used[i] = self.state.laid.wraps[i] - adhesion_arc(rod)
+        wraps, sticks = self.state.laid.wraps, self._adhesion
+        used = np.where(np.isnan(sticks), np.minimum(self.state.arcs.needed, wraps), wraps - sticks)
         return self._known(used)
+
+    @property
+    def _adhesion(self) -> Array:
+        """Angle on which the rod of each pulley sticks [rad]; nan of a string."""
+        return np.array([math.nan if rod is None else adhesion_arc(rod) for rod in self._rods])
+
+    @property
+    def _rods(self) -> tuple[FlowState | None, ...]:
+        """Rods of the pulleys, None for a string."""
+        return self.state.rods or (None,) * self.state.P.size
 
     @property
     def shares(self) -> SlidingShares:
         """Sliding speeds, line forces, shares outside the measured range; nan if slack."""
         state, level = self.state, self.state.level
-        n = state.P.size
         if state.slack:
-            nan = np.full(n, np.nan)
-            return SlidingShares(nan, nan, nan, nan, nan, np.zeros(n, dtype=np.int64))
+            nan = np.full(state.P.size, np.nan)
+            return SlidingShares(nan, nan, nan, nan, nan, np.zeros(nan.size, dtype=np.int64))
         rows = []
-        for i, (P_in, P_out) in enumerate(zip(state.P_in.tolist(), state.P.tolist(), strict=True)):
-            x = float(state.arcs.slip[i])
+        for i, rod in enumerate(self._rods):
+            P_in, P_out, x = float(state.P_in[i]), float(state.P[i]), float(state.arcs.slip[i])
             f, v, _ = level.along_arc(i, np.array([P_in, P_out]), state.v0, x)
             slides = level.arcs_by_speed(i, P_in, P_out, state.v0) > state.arcs.room[i]
             states = int(not slides[0]) + np.count_nonzero(slides[1:] != slides[:-1])
             outside = level.outside(i, P_in, P_out, state.v0, x)
-            rod = state.rods[i] if state.rods else None
             if rod is not None:
-                points = rod.points[rod.points["f_N"] > 0.0]
-                f, v = points["f_N"], points["speed"]
+                f, v = rod.touching["f_N"], rod.touching["speed"]
             rows.append((v.max(), f.min(), f.max(), *outside, states))
-        v_max, f_min, f_max, below, beyond, counts = np.array(rows).T
-        return SlidingShares(v_max, f_min, f_max, below, beyond, counts.astype(np.int64))
+        *shares, counts = np.array(rows).T
+        return SlidingShares(*shares, counts.astype(np.int64))
 
     @property
     def friction_power(self) -> Array:
@@ -244,17 +205,15 @@ class DriveResult:
 
     def arc_profiles(self) -> list[ArcProfile | None]:
         """Compute the contact of each pulley; None without a steady state."""
-        state = self.state
         profiles: list[ArcProfile | None] = []
-        for i, rod in enumerate(state.rods or (None,) * state.P.size):
-            if state.slack or math.isnan(state.arcs.slip[i]):
+        for i, rod in enumerate(self._rods):
+            if self.state.slack or math.isnan(self.state.arcs.slip[i]):
                 profiles.append(None)
             elif rod is None:
                 profiles.append(self._along_string(i))
             else:
-                points = rod.points[rod.points["f_N"] > 0.0]
-                angle = points["theta"] + 0.5 * float(self.rest.laid.wraps[i])
-                profiles.append(ArcProfile(angle, points["f_N"], points["slip"]))
+                angle = rod.touching["theta"] + 0.5 * float(self.rest.laid.wraps[i])
+                profiles.append(ArcProfile(angle, rod.touching["f_N"], rod.touching["slip"]))
         return profiles
 
     def _along_string(self, i: int) -> ArcProfile:
@@ -293,44 +252,23 @@ class DriveResult:
 class Simulator:
     """Solve operating points of a drive; the belt at rest and the idling drive are cached.
 
-    Parameters
-    ----------
-    drive : Drive
-        Belt, laws, pulleys, installation.
-    method : {"string", "rod"}
-        Whether the belt has its bending stiffness.
-
-    Raises
-    ------
-    InputError
-        At rod level without a contact law.
+    An InputError says that rods have no contact law.
     """
 
     def __init__(self, drive: Drive, method: Method = "string") -> None:
         self.drive, self.method, self.strings = drive, method, Level.of(drive)
         self._rods = RodLevel(drive, self.strings) if method == "rod" else None
-        self._rest: dict[float | None, tuple[RestState, Level]] = {}
-        self._idle: dict[tuple[float, float | None], LoopState] = {}
+        self._rest: dict[str, tuple[RestState, Level]] = {}
+        self._idle: dict[tuple[float, str], LoopState] = {}
 
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
         """Find the steady state of a point, and of the drive that idles at its speed.
 
         At a negative speed of the driver the belt runs against the order of the pulleys: the result
-        then contains the reversed drive and the reversed point.
-
-        Parameters
-        ----------
-        point : DrivePoint
-            The operating point.
-        near : DriveResult, optional
-            Result at the same point of a similar drive, from which the search starts.
-
-        Raises
-        ------
-        InputError
-            If the belt cannot be laid on or tightened as stated.
-        ConvergenceError
-            If no steady state was found.
+        then contains the reversed drive and the reversed point. The search starts from a result at
+        the same point of a similar drive, if there is one ``near``. An InputError says that the
+        belt cannot be laid on or tightened as stated, a ConvergenceError that no steady state was
+        found.
         """
         if point.omega < 0.0:
             return self.backwards._forwards(point.reversed(), near)
@@ -342,25 +280,22 @@ class Simulator:
         return Simulator(self.drive.reversed(), self.method)
 
     def at_rest(self, point: DrivePoint) -> RestState:
-        """Tighten the belt at rest, as the point states it.
+        """Tighten the belt at rest, as the point states it."""
+        return self._tightened(point.T_0)[0]
 
-        Raises
-        ------
-        InputError
-            If the belt cannot be laid on or tightened as stated.
-        """
-        key = _rest_key(point)
+    def _tightened(self, T_0: float) -> tuple[RestState, Level]:
+        """Return the belt at rest, and the level of its pulleys."""
+        key = str(T_0)  # nan is no key: it differs from itself
         if key not in self._rest:
-            self._rest[key] = (
-                (rest_state(self.drive, self.strings, point.T_0), self.strings)
-                if self._rods is None
-                else self._rods.at_rest(point.T_0)
-            )
-        return self._rest[key][0]
+            if self._rods is None:
+                self._rest[key] = rest_state(self.drive, self.strings, T_0), self.strings
+            else:
+                self._rest[key] = self._rods.at_rest(T_0)
+        return self._rest[key]
 
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
-        rest, key = self.at_rest(point), (point.omega, _rest_key(point))
+        (rest, _), key = self._tightened(point.T_0), (point.omega, str(point.T_0))
         unloaded = point.scaled(0.0)
         if key not in self._idle:
             self._idle[key] = self._loop(unloaded, None if near is None else near.idle)
@@ -370,12 +305,7 @@ class Simulator:
         return DriveResult(point, self.drive, rest, state, idle)
 
     def _loop(self, point: DrivePoint, near: LoopState | None) -> LoopState:
-        rest, level = self._rest[_rest_key(point)]
+        rest, level = self._tightened(point.T_0)
         if self._rods is None:
             return solve_loop(point, level, rest, near)
         return self._rods.solve(point, rest, level, near)
-
-
-def _rest_key(point: DrivePoint) -> float | None:
-    """Return the cache key of the belt at rest: its tension, or None if a tensioner sets it."""
-    return None if math.isnan(point.T_0) else point.T_0

@@ -13,7 +13,6 @@ import math
 from collections import deque
 from contextlib import suppress
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,25 +30,18 @@ from beltid.rig.mesh import bending_length
 Array = NDArray[np.float64]
 Rods = tuple[FlowState | None, ...]
 
-SHORTEST_SPAN: Final = 6.0
-"""In bending lengths: the bending at pulleys further apart does not interact."""
-MOST_ROUNDS: Final = 16
-FORCE_TOLERANCE: Final = 5e-5
-"""Change of the span forces over the tension at rest at which the rods have converged."""
-SLIPPING: Final = 0.02
-"""Factor on that change where a pulley slides as a whole: its speed depends on the forces more."""
-TENSION_STEP: Final = 0.05
-"""Step of the logarithm of the tension within which tensions share a mesh."""
-FASTEST_WITHOUT_RANGE: Final = 0.05
-"""Largest sliding speed over belt speed, for friction without a speed range [-]."""
-SLIDING: Final = 0.01
-"""Sliding speed over that of the belt at which friction is looked up for what a bent belt holds."""
-LEAST_END: Final = 0.1
-"""Smallest share of a span force that acts along a bent belt on the pulley."""
-SEATED: Final = 4.0
-"""Lengths of the elastic bed behind the first contact after which the ribs are seated."""
-REMEMBERED: Final = 12
-"""Number of stored states per pulley; the next solution starts from the nearest one."""
+SHORTEST_SPAN = 6.0  # in bending lengths: the bending at pulleys further apart does not interact
+MOST_ROUNDS = 16
+FORCE_TOLERANCE = 5e-5  # change of the span forces over the tension at rest when converged
+SLIPPING = (
+    0.02  # factor on it where a pulley slides as a whole: its speed depends on the forces more
+)
+TENSION_STEP = 0.05  # of the logarithm of the tension within which tensions share a mesh
+FASTEST_WITHOUT_RANGE = 0.05  # sliding over belt speed, for friction without a speed range
+SLIDING = 0.01  # over the belt's speed, where friction is looked up for what a bent belt holds
+LEAST_END = 0.1  # share of a span force that acts along a bent belt on the pulley
+SEATED = 4.0  # lengths of the elastic bed behind the first contact after which the ribs are seated
+REMEMBERED = 12  # stored states per pulley; the next solution starts from the nearest one
 
 
 def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
@@ -72,21 +64,9 @@ def adhesion_arc(rod: FlowState) -> float:
 
 
 class RodLevel:
-    """The pulleys of a drive at rod level.
+    """The pulleys of a drive at rod level; those on the rigid back of the belt stay strings.
 
-    Pulleys on the back of the belt stay at string level, because the back is assumed to be rigid.
-
-    Parameters
-    ----------
-    drive : Drive
-        Belt, laws and pulleys.
-    strings : Level
-        The pulleys at string level.
-
-    Raises
-    ------
-    InputError
-        If there is no contact law, because a rigid pulley has no bed.
+    An InputError says that there is no contact law: a rigid pulley has no bed.
     """
 
     def __init__(self, drive: Drive, strings: Level) -> None:
@@ -253,7 +233,7 @@ class RodLevel:
         """Return the sliding speed where the ribs are seated if nothing sticks [m/s], else 0."""
         if adhesion_arc(rod) > 0.0:
             return 0.0
-        points = rod.points[rod.points["f_N"] > 0.0]
+        points = rod.touching
         stiffness = float(self.law.stiffness(self.law.penetration(np.median(points["f_N"]))))
         behind = (points["theta"] - points["theta"][0]) * self.drive.pulleys[i].R
         seated = behind >= SEATED * (self.drive.belt.EI / stiffness) ** 0.25

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from beltid.drive.geometry import Layout, following
-from beltid.drive.model import Drive
+from beltid.drive.model import Drive, Pulley
 from beltid.laws import penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
@@ -54,33 +54,15 @@ class Section(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """State of the belt on every pulley, all arrays (n,).
+    """State of the belt on every pulley, all arrays (n,)."""
 
-    Attributes
-    ----------
-    torque : ndarray
-        Torque of the shaft on the belt [N m]: > 0 on a driver, < 0 where power is taken off.
-    W : ndarray
-        omega / v0 of the pulley [1/m]; in gross slip, its value at the fastest measured sliding.
-    rate : ndarray
-        theta' / v0 of the belt at the entry [1/m].
-    length : ndarray
-        Stress-free length of belt on the arc [m].
-    needed : ndarray
-        Arc that the change of force needs if the entry sticks [rad], (D4).
-    slip : ndarray
-        Sliding speed at the entry [m/s]: 0 with an adhesion arc, nan in gross slip.
-    room : ndarray
-        Part of the arc on which the belt can slide towards its exit [rad].
-    """
-
-    torque: Array
-    W: Array
-    rate: Array
-    length: Array
-    needed: Array
-    slip: Array
-    room: Array
+    torque: Array  # of the shaft on the belt [N m]: > 0 on a driver, < 0 where power is taken off
+    W: Array  # omega/v0 [1/m]; in gross slip, its value at the fastest measured sliding
+    rate: Array  # theta'/v0 of the belt at the entry [1/m]
+    length: Array  # stress-free length of belt on the arc [m]
+    needed: Array  # arc that the change of force needs if the entry sticks [rad], (D4)
+    slip: Array  # sliding speed at the entry [m/s]: 0 with an adhesion arc, nan in gross slip
+    room: Array  # part of the arc on which the belt can slide towards its exit [rad]
 
 
 @kernel
@@ -181,8 +163,8 @@ def full_slip(P_in: float, P_out: float, v0: float, room: float, s: Section) -> 
 @kernel
 def arc(
     P_in: float, P_out: float, v0: float, wrap: float, room: float, s: Section
-) -> tuple[float, float, float, float, float, float, float]:
-    """Return the values of :class:`Arcs` for one pulley with a ``wrap`` [rad]."""
+) -> tuple[float, float, float, float, float, float]:
+    """Return the values of :class:`Arcs`, but the room, for one pulley with a ``wrap`` [rad]."""
     stretch, radius = seat(P_in, v0, s)
     torque = P_in * lever(P_in, radius, s) - P_out * lever(P_out, seat(P_out, v0, s)[1], s)
     rate = stretch / radius
@@ -199,79 +181,50 @@ def arc(
         angle, length = sliding_arc(P_in, P_out, v0, x, s)
         length *= wrap / angle
     W = rate + math.copysign(x, P_in - P_out) / (s.R * v0)
-    return torque, W, rate, length, needed, slip, room
+    return torque, W, rate, length, needed, slip
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """The pulleys of a drive with the belt on them: strings, and what rods differ by from them.
-
-    Parameters
-    ----------
-    drive : Drive
-        Belt, laws and pulleys.
-    sections : tuple of Section
-        Belt, bed and friction on every pulley.
-    torque, speed, room, length
-        Differences of the rods, (D12): added to the torques (n,) [N m], factors on the speeds
-        (n,) [-], added to the arcs on which the belt can slide (n,) [rad], and added to the length
-        of the loop [m].
-    EI : float
-        Bending stiffness of the spans [N m²]; that of a string is 0.
-    ends : ndarray (n,)
-        Length at one end of an arc beyond that of a string, over ``(EI/P)**1.5``, (D15) [1/m²].
-    """
+    """The pulleys of a drive with the belt on them: strings, and what rods differ by from them."""
 
     drive: Drive
-    sections: tuple[Section, ...]
+    sections: tuple[Section, ...]  # belt, bed and friction on every pulley
+    # differences of the rods, (D12): of the torques (n,) [N m], factors on the speeds (n,), of the
+    # arcs on which the belt can slide (n,) [rad], of the length of the loop [m]
     torque: Array | float = 0.0
     speed: Array | float = 1.0
     room: Array | float = 0.0
     length: float = 0.0
-    EI: float = 0.0
+    EI: float = 0.0  # bending stiffness of the spans [N m²]; that of a string is 0
+    # length at one end of an arc beyond that of a string, over (EI/P)**1.5, (n,), (D15) [1/m²]
     ends: Array | float = 0.0
 
     @classmethod
     def of(cls, drive: Drive) -> Level:
         """Return a drive of strings."""
-        sections, belt = [], drive.belt
         back = FrictionSurface.constant(drive.back_friction)
-        for pulley in drive.pulleys:
-            k_linear, k_quadratic = math.inf, 0.0
+
+        def section(pulley: Pulley) -> Section:
+            bed = (math.inf, 0.0)
             if pulley.ribs and drive.law is not None:
-                k_linear, k_quadratic = drive.law.k_linear_N_m2, drive.law.k_quadratic_N_m3
-            sections.append(
-                Section(
-                    belt.EA,
-                    belt.rhoA,
-                    float(k_linear),
-                    float(k_quadratic),
-                    float(pulley.R),
-                    drive.friction if pulley.ribs else back.tables(),
-                    _slip_speeds(drive.surface if pulley.ribs else back),
-                )
-            )
-        return cls(drive, tuple(sections))
+                bed = (float(drive.law.k_linear_N_m2), float(drive.law.k_quadratic_N_m3))
+            surface = drive.surface if pulley.ribs else back
+            tables = drive.friction if pulley.ribs else back.tables()
+            belt, R = drive.belt, float(pulley.R)
+            return Section(belt.EA, belt.rhoA, *bed, R, tables, _slip_speeds(surface))
+
+        return cls(drive, tuple(section(pulley) for pulley in drive.pulleys))
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """Compute the state of the belt on every pulley.
-
-        Parameters
-        ----------
-        P_in, P_out : ndarray (n,)
-            Effective span forces before and after each pulley [N], > 0.
-        v0 : float
-            Stress-free length of belt per second [m/s], > 0.
-        wraps : ndarray (n,)
-            Arcs between tangent points [rad].
-        """
+        """Compute the state of the belt on every pulley with its wrap, arrays (n,) [N], [rad]."""
         room = wraps + self.room
         given = zip(P_in.tolist(), P_out.tolist(), wraps.tolist(), room.tolist(), strict=True)
         rows = [
             arc(P, Q, v0, wrap, most, s)
             for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
-        arcs = Arcs(*np.array(rows).T)
+        arcs = Arcs(*np.array(rows).T, room)
         return arcs._replace(
             torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
         )

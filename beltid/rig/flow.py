@@ -86,6 +86,11 @@ class FlowState:
         """Speed of the pulley over v0 [1/m]."""
         return self.omega / self.v0
 
+    @property
+    def touching(self) -> Points:
+        """The points that touch the pulley."""
+        return self.points[self.points["f_N"] > 0.0]
+
 
 def flow(
     pulley: FlowPulley,

@@ -11,11 +11,10 @@ import numpy as np
 from beltid.config import Config
 from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
-from beltid.drive.limits import slip_limit
+from beltid.drive.limits import installed_belts, slip_limit
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
 from beltid.drive.rods import short_spans
-from beltid.drive.tolerance import installed_belts
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.notes import log

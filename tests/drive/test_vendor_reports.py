@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from beltid.drive.geometry import layout
+from beltid.drive.limits import installed_belts
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
 from beltid.drive.results import Simulator
-from beltid.drive.tolerance import installed_belts
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Belt
 
