@@ -98,12 +98,12 @@ def read_channels(record: RunRecord) -> Channels:
     tensions, spikes = np.empty((t.size, 2)), np.zeros((t.size, 2), dtype=bool)
     recorded = [x[timed] for x in (record.tension_tight_N, record.tension_slack_N)]
     step, rounding_N = resolution(*(x[-2 * BLOCKS :] for x in recorded)), np.zeros(2)
-    for k, (span, values, cell) in enumerate(zip(SPANS, recorded, record.kind.cells, strict=True)):
+    for k, (span, values) in enumerate(zip(SPANS, recorded, strict=True)):
         if span != record.kind.weight:
             values, spikes[:, k] = _tension(values, f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
-            rounding_N[k] = cell.gain * rounding_of_mean(noise, step)
-        tensions[:, k] = cell.tension(values)
+            rounding_N[k] = rounding_of_mean(noise, step)
+        tensions[:, k] = values
     lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
     temperature = record.temperature_degC
     channels = Channels(

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,21 +36,17 @@ from beltid.identify.friction.run import (
     NAN,
     NUMBERS,
     TEXTS,
-    Drag,
+    TWO_CELLS,
     RigKind,
     RunRecord,
     RunReduction,
     RunRejected,
     arc_problem,
-    drag_of,
-    drag_range,
+    run_records,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
 
 Array = NDArray[np.float64]
-
-Columns = Mapping[str, NDArray[Any]]
-Rows = dict[str, Array]
 
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
@@ -57,12 +54,9 @@ SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
 
 
 def reduce_plateaus(
-    columns: Columns,
-    R: float,
-    kind: RigKind,
-    resolution_N: float = NAN,
+    columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float = NAN
 ) -> tuple[RunReduction, ...]:
-    """Reduce a table with one row per plateau.
+    """Reduce a table with one row per plateau: each row is a run of one sample.
 
     Parameters
     ----------
@@ -88,97 +82,70 @@ def reduce_plateaus(
         With the columns that are missing.
     """
     n = len(columns["run"])
-    table = {
+    table: dict[str, NDArray[Any]] = {
         name: np.asarray(columns.get(name, np.full(n, NAN)), float)
         for name in (*NUMBERS, *STATED, *SPEEDS, "mu_se")
     }
     given = {name for name, values in table.items() if np.isfinite(values).any()}
     if given.isdisjoint(SPEEDS):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
+    direct = given.issuperset(STATED)
+    if not direct and "arc_deg" not in given:
+        raise InputError("column arc_deg is missing")
     if not kind.running:
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
-    is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
-    rows = {name: values[~is_idle] for name, values in table.items()}
-    drag, by_tensions = None, not given.issuperset(STATED)
-    if by_tensions:
-        if "arc_deg" not in given:
-            raise InputError("column arc_deg is missing")
-        kind = kind.found_in(rows)
-        idle = [{name: x[[i]] for name, x in table.items()} for i in np.flatnonzero(is_idle)]
-        drag = drag_of(idle)
-        tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
-        se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
-        momentum = np.full(se.size, NAN)
-        if kind.running:
-            momentum[:] = kind.momentum_N(kind.belt_speed(rows))
-    pulley_speed = np.abs(rows["pulley_speed_rad_s"])
-    slip_speed = np.abs(rows["slip_speed_m_s"])
-    if "pulley_speed_rad_s" in given:
-        relative = kind.relative_speed({**rows, "pulley_speed_rad_s": pulley_speed}, R)
-        from_pulley = np.abs(sliding_speed(relative, R))
-        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
-    initial = rows["initial_tension_N"]
-    if kind.weight:
-        initial = np.where(np.isfinite(initial), initial, rows["weight_N"])
-    texts = {name: columns[name][~is_idle] for name in TEXTS if name in columns}
-    runs = []
-    for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
-        described = {name: x[k].lower() for name, x in texts.items() if x[k]}
-        run = RunReduction(
-            run=label,
-            arc_deg=float(rows["arc_deg"][k]),
-            nominal_tension_N=float(initial[k]),
-            initial_tension_N=float(initial[k]),
-            pulley_speed_rad_s=float(pulley_speed[k]),
-            slip_speed_m_s=float(slip_speed[k]),
-            mu_sliding=float(rows["mu"][k]),
-            mu_sliding_se=float(rows["mu_se"][k]),
-            normal_force_N_m=float(rows["normal_force_N_m"][k]),
-            temperature_degC=float(rows["temperature_degC"][k]),
-            n_samples=1,
-            mu_sticking_reason="",
-            drag_N_m=drag_range(kind, drag),
-            condition=described.get("condition"),
-            side=described.get("side"),
-        )
-        if by_tensions:
-            run.set_plateau(tight[k], slack[k], R)
-            run.torque_with = kind.span_beside_torque
-            if np.isnan(run.mu_sliding_se):
-                run.mu_sliding_se = float(se[k])
-            run.momentum_N = float(momentum[k])
-        run.status = _problem(run, kind) or "ok"
-        runs.append(run)
-    return tuple(runs)
+    texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
+    table |= {"run": _unique([str(label) for label in columns["run"]]), **texts}
+    if direct:  # the tensions do not count
+        kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
+        table |= dict.fromkeys(CELLS, np.ones(n))
+    records = run_records(table, R, kind)
+    row_of = {label: row for row, label in enumerate(table["run"])}
+    rows = [row_of[record.result.run] for record in records]
+    ses = table["mu_se"][rows]
+    if not direct and np.isfinite(resolution_N):
+        ses = np.where(np.isfinite(ses), ses, _by_resolution(table, R, kind, resolution_N))
+    for record, row, se in zip(records, rows, ses.tolist(), strict=True):
+        run = record.result
+        run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
+        run.temperature_degC, run.n_samples = float(table["temperature_degC"][row]), 1
+        run.pulley_speed_rad_s = abs(float(table["pulley_speed_rad_s"][row]))
+        relative, v = float(record.pulley_speed_rad_s[0]), float(table["slip_speed_m_s"][row])
+        run.slip_speed_m_s = abs(sliding_speed(relative, R) if np.isnan(v) else v)
+        if direct:
+            run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
+        else:
+            run.set_plateau(record.tension_tight_N[0], record.tension_slack_N[0], R)
+        run.mu_sliding_se = se
+        run.status = _problem(run, record.kind) or "ok"
+    return tuple(record.result for record in records)
 
 
 def _by_resolution(
-    rows: Rows, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+    table: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float
 ) -> Array:
-    """Return the standard error of ln(T_tight/T_slack) from the resolution of the forces (n,)."""
-    u = resolution_N / np.sqrt(12.0)
-    variance = np.full(rows["arc_deg"].size, 0.0 if np.isfinite(u) else NAN)
+    """Return the standard error of mu from the resolution of the forces, (n,)."""
+    half, changes = 0.5 * resolution_N / np.sqrt(12.0), []
     for name in CELLS:  # the stated resolution applies to forces only
-        if not np.isfinite(u * rows[name]).any():
-            continue
-        z = []
-        for sign in (-1.0, 1.0):
-            shifted = {**rows, name: rows[name] + 0.5 * sign * u}
-            tight, slack = kind.tensions(shifted, rows["arc_deg"], R, drag)
-            z.append(friction_coefficient(tight, slack, 1.0))
-        variance += np.square(z[1] - z[0])
-    return np.sqrt(variance)
+        mu = []
+        for shift in (-half, half):
+            runs = run_records({**table, name: table[name] + shift}, R, kind)
+            tight, slack = np.array([(r.tension_tight_N[0], r.tension_slack_N[0]) for r in runs]).T
+            arcs = np.radians([r.result.arc_deg for r in runs])
+            mu.append(friction_coefficient(tight, slack, arcs))
+        changes.append(mu[1] - mu[0])
+    return np.asarray(np.linalg.norm(changes, axis=0))
 
 
-def _unique(labels: list[str]) -> list[str]:
+def _unique(labels: list[str]) -> NDArray[Any]:
     """Return unique labels; rows with the same label are numbered."""
     total, seen = Counter(labels), Counter[str]()
     unique = []
     for label in labels:
         seen[label] += 1
         unique.append(f"{label}-{seen[label]}" if total[label] > 1 else label)
-    return unique
+    return np.array(unique, dtype=object)
 
 
 def _problem(run: RunReduction, kind: RigKind) -> str:
@@ -201,10 +168,9 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
                 return f"tension_{name}_N = {tension:g}, must be > 0"
     if not 0.0 < run.mu_sliding <= MAX_MU:
         return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {MAX_MU:g}]"
-    if not run.normal_force_N_m > 0.0:
-        return f"normal_force_N_m = {run.normal_force_N_m:g}, must be > 0"
-    if not run.slip_speed_m_s > 0.0:
-        return f"slip_speed_m_s = {run.slip_speed_m_s:g}, must be > 0"
+    for name in ("normal_force_N_m", "slip_speed_m_s"):
+        if not getattr(run, name) > 0.0:
+            return f"{name} = {getattr(run, name):g}, must be > 0"
     return ""
 
 
