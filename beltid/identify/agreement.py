@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 OK = "ok"
-GOOD_RATIO = 0.6, 1.2
-"""RMS error over its standard uncertainty that neither side has to explain."""
+GOOD_RATIO = 0.6, 1.2  # RMS error over its standard uncertainty that neither side has to explain
 UNEXPLAINED = 2.0  # the same ratio beyond which the uncertainty lacks something
 SHARE_COMPARED = "min_share_compared"
 WORDS = {
@@ -344,8 +343,7 @@ SETTING: Final[dict[str, tuple[str, str]]] = {
 }
 """Column of each setting, and its unit as printed."""
 FEWEST: Final[dict[str, int]] = {"arc": 2, "speed": 3}
-FEWEST_RUNS: Final = 4
-"""Minimum number of runs to refine a surface from."""
+FEWEST_RUNS: Final = 4  # minimum number of runs to refine a surface from
 
 
 @dataclass(frozen=True, slots=True)

@@ -200,16 +200,11 @@ def needed_for(runs: RunRows, chosen: Sequence[int], count: int) -> dict[int, Ne
     return needs
 
 
-LEVEL: Final = 1.0
-"""mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical."""
-LEVEL_WIDTH: Final = 0.38
-"""Standard deviation of ln mu at that point: half of ln(1.5 / 0.7)."""
-FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
-"""d ln mu / d ln f_N and its standard deviation."""
-SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
-"""d ln mu / d ln v and its standard deviation."""
-SAME_SPEED: Final = 0.1
-"""Largest distance in ln v at which a run belongs to a speed of the surface."""
+LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
+LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)
+FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15  # d ln mu / d ln f_N and its standard deviation
+SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15  # d ln mu / d ln v and its standard deviation
+SAME_SPEED: Final = 0.1  # largest distance in ln v at which a run belongs to a speed of the surface
 
 
 def sources_of_plan(

@@ -64,8 +64,7 @@ from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 Array = NDArray[np.float64]
 
 FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
-SPEED_BEND = 0.1
-"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
+SPEED_BEND = 0.1  # standard deviation of the change of d ln mu / d ln v over one unit of ln v
 
 
 @dataclass(frozen=True)

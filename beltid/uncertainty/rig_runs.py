@@ -31,8 +31,7 @@ Array = NDArray[np.float64]
 
 INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""
-STEP: Final = 2.0e-3
-"""Relative step of the differences by the inputs; their error is of its order."""
+STEP: Final = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
 MESH: Final = 2.0
 """Ratio of elements to the default: where contact points come and go, derivatives scatter more than
 values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""

@@ -58,8 +58,7 @@ DIGITS: Final = 5
 MESH_SHARE: Final = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-FINER_MESH: Final = 2.0
-"""Ratio of elements in the finer mesh that shows the mesh error."""
+FINER_MESH: Final = 2.0  # ratio of elements in the finer mesh that shows the mesh error
 
 
 @dataclass(frozen=True, slots=True)

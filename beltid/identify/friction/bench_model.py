@@ -31,26 +31,20 @@ Array = NDArray[np.float64]
 
 MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 """Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""
-LENGTHS_M = np.geomspace(3e-4, 0.3, 20)
-"""Lengths l_k of the exponentials of a tail."""
-FREE = 0.1
-"""Standard deviation of ripples and of the rest of the build-up, in z: practically free."""
-POWER = 0.4
-"""Standard deviation of the powers of the settings in the length of the tail."""
+LENGTHS_M = np.geomspace(3e-4, 0.3, 20)  # lengths l_k of the exponentials of a tail
+FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in z: practically free
+POWER = 0.4  # standard deviation of the powers of the settings in the length of the tail
 SLOW = 3.0
 """Error of a mean by the noise at rest, over that while sliding, beyond which the noise is slow."""
-RUNS = 32
-"""Evenly chosen runs that determine the sizes; more would add nothing."""
-FREEDOM = 20.0
-"""Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
+RUNS = 32  # evenly chosen runs that determine the sizes; more would add nothing
+FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run to that of its bench
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
 RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
 """The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
 RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 """The same of a belt that relaxes at rest, in both spans alike [1/s]."""
-DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
-"""The same of a drift of mu over a run, relative."""
+DRIFT = ((3e-4, 0.98), (3e-2, 0.02))  # the same of a drift of mu over a run, relative
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
 SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
@@ -58,20 +52,10 @@ SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
-    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes.
+    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes, (k, m, m).
 
-    Parameters
-    ----------
-    first, last : ndarray, shape (m,)
-        Times of the first and last sample of each block [s], in order.
-    count : ndarray, shape (m,)
-        Number of evenly spaced samples of each block.
-    tau : ndarray, shape (k,)
-        Correlation times [s].
-
-    Returns
-    -------
-    ndarray, shape (k, m, m)
+    Times of the first and the last of evenly spaced samples [s], in order, and their number, for
+    each of m blocks; k correlation times [s].
     """
     memory = np.asarray(tau, dtype=float)[:, None]
     step = np.where(count > 1, (last - first) / np.maximum(count - 1, 1), 1.0) / memory
@@ -110,12 +94,8 @@ class Bench:
         self.turn, self.rest = np.zeros((2, R, m, 2))
         middle_level = np.median(self.level)
         for i, r in enumerate(records):
-            b, c, rest, unit = (
-                slice(2, r.z.size + 2),
-                r.sensitivity,
-                r.rest,
-                r.level / r.sensitivity,
-            )
+            b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
+            unit = r.level / c
             mid = 0.5 * (r.first_s + r.last_s)
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
@@ -201,14 +181,12 @@ class RunLevel:
     """Level of a run and its uncertainty; all in units of z."""
 
     y: float  # level ln(T_tight/T_slack) after the tail has decayed
-    variance: float  # variance of `y` that is independent between runs
-    shared_tail: float
-    """Standard deviations of `y` by errors that all runs share, with their common sign."""
+    variance: float  # of `y`, independent between runs
+    shared_tail: float  # standard deviations of `y` by what all runs share, with their common sign
     shared_drift: float
-    misfit: float
-    """Ratio of the noise of the run about the model to that of the bench, standard deviations."""
+    misfit: float  # noise of the run about the model over that of the bench, standard deviations
     drift: float  # visible change by wandering zeros and drift of the friction over the sliding
-    fit: BenchFit  # the bench
+    fit: BenchFit
     k: int  # number of the run
 
     def tail(self, travel: Array) -> Array:
@@ -218,28 +196,26 @@ class RunLevel:
 
     def at(self, travel: float) -> tuple[float, float]:
         """Return z of the model and its error at a travel since the end of the build-up [m]."""
-        fit, k = self.fit, self.k
+        fit, k, p = self.fit, self.k, self.fit.posterior
         columns, (h,) = fit.exponentials(k, np.array([travel]))
-        _, covariance, lean = (part[k] for part in fit.own)
+        mean, covariance, lean = (part[k] for part in fit.own)
         variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
         # an error of what all runs share moves level and tail together
-        place = fit.posterior.model.places["tail"]
-        change = -fit.posterior.level_shift[k]
-        change[place] += columns[0]
-        common = float(change @ fit.posterior.covariance @ change)
-        return self.y + float(self.tail(np.array([travel]))[0]), np.sqrt(
-            max(variance, 0.0) + common
-        )
+        change = -p.level_shift[k]
+        change[p.model.places["tail"]] += columns[0]
+        common = float(change @ p.covariance @ change)
+        z = self.y + float(h[0] + h @ mean)
+        return z, float(np.sqrt(max(variance, 0.0) + common))
 
 
 @dataclass(frozen=True, eq=False)
 class BenchFit:
     """What all runs of a bench share."""
 
-    bench: Bench  # the runs
-    posterior: Posterior  # of their model
-    powers: Array  # powers of the settings in the length of the tail; spectrum
-    A: Array
+    bench: Bench
+    posterior: Posterior
+    powers: Array  # of the settings in the length of the tail
+    A: Array  # spectrum
     scale: Array  # noise variance of each run over that of the bench, (R,)
     converged: bool  # whether the search for the sizes ended
 

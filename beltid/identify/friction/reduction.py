@@ -1,18 +1,16 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
 Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`bench_model`, :mod:`cells`). Bench and simulated rig use the same functions, which do not
-depend on the origin of the recording. A run that cannot be reduced is marked with the reason, never
-dropped.
+(:mod:`bench_model`, :mod:`cells`), measured and simulated ones alike. A run that cannot be reduced
+is marked with the reason, never dropped.
 
-The sticking peak is not the largest sample: among many noisy samples near a flat maximum, that is
-the noisiest one. Instead the model of the sliding is extrapolated back to the time at which the
-record leaves the build-up and joins the model; that time is known to one sample.
+The sticking peak is not the largest sample, which is the noisiest one: the model of the sliding is
+extrapolated back to the time at which the record leaves the build-up and joins the model, which is
+known to one sample.
 
-Plateaus that have no rest or build-up, rows of a table, give one friction coefficient each by Eq.
-(6). They show neither the tail of a sticking peak nor the zero of a cell, so neither is corrected.
-The resolution r of the force replaces the scatter: a uniform distribution of this width has the
-standard deviation ``r / sqrt(12)``.
+Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). They show
+neither the tail of a peak nor the zero of a cell. The resolution r of the force replaces the
+scatter: a uniform distribution of this width has the standard deviation ``r / sqrt(12)``.
 """
 
 from __future__ import annotations
@@ -174,36 +172,22 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
     return ""
 
 
-STEADY = 0.005
-"""Remaining change of the tail, relative to mu, at which the plateau begins."""
-MAX_ERROR = 0.05
-"""Largest relative standard error of mu_sliding of an accepted run."""
-MAX_DRIFT = 0.1
-"""Largest relative drift of mu over the sliding phase."""
-MAX_TAIL = 0.025
-"""Largest tail that is left at the end of a record, relative to mu: beyond it the plateau would be
-extrapolated."""
-MAX_MISFIT = 4.0
-"""Largest ratio of the noise about the model of the bench to that of the other runs."""
-MAX_PEAK_ERROR = 0.02
-"""Largest relative standard error of mu_sticking of a resolved peak."""
-JOINED = 3.0
-"""Largest distance of a sample on the model, in standard deviations of the noise."""
-TAIL_NOTED = 1e-3
-"""Tail left at the end of a record, and standard error, relative to mu, above which a note
-mentions them."""
-STANDS_OUT = 3.0
-"""Smallest height of a peak above the plateau, in standard errors of the peak."""
-
-
-FEWEST_FOR_MISFIT = 5
-"""Fewest runs of a bench with which one of them can be rejected as unlike the others."""
+STEADY = 0.005  # remaining change of the tail, relative to mu, at which the plateau begins
+MAX_ERROR = 0.05  # largest relative standard error of mu_sliding of an accepted run
+MAX_DRIFT = 0.1  # largest relative drift of mu over the sliding phase
+MAX_TAIL = 0.025  # largest tail left at the end of a record: beyond, it would be extrapolated
+MAX_MISFIT = 4.0  # largest noise about the model of the bench, over that of the other runs
+MAX_PEAK_ERROR = 0.02  # largest relative standard error of mu_sticking of a resolved peak
+JOINED = 3.0  # largest distance of a sample on the model, in standard deviations of the noise
+TAIL_NOTED = 1e-3  # tail left, and standard error, relative to mu, above which a note mentions them
+STANDS_OUT = 3.0  # smallest height of a peak above the plateau, in standard errors of the peak
+FEWEST_FOR_MISFIT = 5  # runs of a bench with which one can be rejected as unlike the others
 
 
 def reduce_records(
     records: Iterable[RunRecord], R: float, gain_rel: float = 2e-3, free_at_rest: bool = False
 ) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a bench together.
+    """Reduce the runs of a bench together, to one result for every run, in their order.
 
     Parameters
     ----------
@@ -215,11 +199,6 @@ def reduce_records(
         Stated standard uncertainty of the gain of a load cell, relative.
     free_at_rest : bool
         Whether the belt holds no friction at rest, so that the rest shows the gains, too.
-
-    Returns
-    -------
-    tuple of RunReduction
-        One for every run, in their order.
 
     Raises
     ------
@@ -321,7 +300,7 @@ def _set_plateau(
 
 
 def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator[str]:
-    """Write notes to the user on the remaining tail, on a drift and on a rest that is too short."""
+    """Yield notes on the remaining tail, on a drift and on a rest that is too short."""
     if abs(tail) > TAIL_NOTED:
         yield (
             f"mu is still {100 * tail:+.2g} % off its plateau at the end of the record: the tail "

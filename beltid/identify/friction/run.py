@@ -46,10 +46,8 @@ Columns = Mapping[str, Array]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-TURNS = 0.03
-"""Share of the largest speed above which the pulley counts as turning."""
-LEAST_SLIP = 1e-9
-"""Ratio of sliding speed to belt speed below which the sliding is rounding error."""
+TURNS = 0.03  # share of the largest speed above which the pulley counts as turning
+LEAST_SLIP = 1e-9  # ratio of sliding speed to belt speed below which the sliding is rounding error
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +212,7 @@ class RigKind:
         return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 
-TWO_CELLS = RigKind()
-"""The rig of the paper."""
+TWO_CELLS = RigKind()  # the rig of the paper
 
 
 def other(span: Span) -> Span:
@@ -258,8 +255,7 @@ def _has_values(columns: Columns, name: str) -> bool:
 
 
 NAN = float("nan")
-MAX_MU = 3.0
-"""Largest credible friction coefficient [-]."""
+MAX_MU = 3.0  # largest credible friction coefficient [-]
 CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 CHANNELS = (
     *CELLS,
@@ -268,8 +264,7 @@ CHANNELS = (
 NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")
 """Settings of a run, which do not change within it."""
 NUMBERS = (*CHANNELS, *NOMINAL)
-TEXTS = ("condition", "side")
-"""Text columns with the conditions of a run."""
+TEXTS = ("condition", "side")  # text columns with the conditions of a run
 
 
 class RunRejected(Exception):
