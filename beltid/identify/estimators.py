@@ -156,7 +156,7 @@ def difference_sigma(x: Array, order: int = 1) -> float:
     Differences of some order of the finite samples (n,) remove a polynomial of lower degree: use 2
     on a ramp. ``1.4826 median |differences|`` is divided by the root of the sum of their squared
     weights, ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse ADC
-    makes more than half of them zero, the root mean square of the smallest 98 % replaces the median.
+    makes more than half of them zero, it is the root mean square of the smallest 98 %.
     """
     if x.size <= order:
         return 0.0

@@ -473,4 +473,3 @@ def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
         missing = np.polynomial.Polynomial.fit(s[~turns], half[~turns], 2)(s) - half
         turns &= missing > 4.0 * np.std(missing[~turns])
     return np.where(turns, np.where(low, -missing, missing), 0.0)
-

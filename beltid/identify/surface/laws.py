@@ -125,7 +125,6 @@ class FrictionLaws:
         return text + "."
 
 
-
 def fit_friction_laws(
     normal_force_N_m: ArrayLike,
     slip_speed_m_s: ArrayLike,
