@@ -177,40 +177,8 @@ class Bench:
 
 
 @dataclass(frozen=True, eq=False)
-class RunLevel:
-    """Level of a run and its uncertainty; all in units of z."""
-
-    y: float  # level ln(T_tight/T_slack) after the tail has decayed
-    variance: float  # of `y`, independent between runs
-    shared_tail: float  # standard deviations of `y` by what all runs share, with their common sign
-    shared_drift: float
-    misfit: float  # noise of the run about the model over that of the bench, standard deviations
-    drift: float  # visible change by wandering zeros and drift of the friction over the sliding
-    fit: BenchFit
-    k: int  # number of the run
-
-    def tail(self, travel: Array) -> Array:
-        """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
-        own = self.fit.exponentials(self.k, travel)[1]
-        return np.asarray(own[:, 0] + own @ self.fit.own[0][self.k])
-
-    def at(self, travel: float) -> tuple[float, float]:
-        """Return z of the model and its error at a travel since the end of the build-up [m]."""
-        fit, k, p = self.fit, self.k, self.fit.posterior
-        columns, (h,) = fit.exponentials(k, np.array([travel]))
-        mean, covariance, lean = (part[k] for part in fit.own)
-        variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
-        # an error of what all runs share moves level and tail together
-        change = -p.level_shift[k]
-        change[p.model.places["tail"]] += columns[0]
-        common = float(change @ p.covariance @ change)
-        z = self.y + float(h[0] + h @ mean)
-        return z, float(np.sqrt(max(variance, 0.0) + common))
-
-
-@dataclass(frozen=True, eq=False)
 class BenchFit:
-    """What all runs of a bench share."""
+    """The runs of a bench and what they share; z of run k after its tail is `posterior.level`."""
 
     bench: Bench
     posterior: Posterior
@@ -219,7 +187,7 @@ class BenchFit:
     scale: Array  # noise variance of each run over that of the bench, (R,)
     converged: bool  # whether the search for the sizes ended
 
-    def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
+    def _exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
         length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
         u = travel[:, None] / length
@@ -227,7 +195,7 @@ class BenchFit:
         return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
 
     @cached_property
-    def own(self) -> tuple[Array, Array, Array]:
+    def _own(self) -> tuple[Array, Array, Array]:
         """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
         p, bench = self.posterior, self.bench
         columns, slopes = bench.tail(self.powers)
@@ -239,11 +207,27 @@ class BenchFit:
         lean = np.einsum("ri,rij->rj", p.level_weights, Z) @ S
         return mean, covariance * self.scale[:, None, None], lean * self.scale[:, None]
 
+    def tail(self, k: int, travel: Array) -> Array:
+        """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
+        own = self._exponentials(k, travel)[1]
+        return np.asarray(own[:, 0] + own @ self._own[0][k])
+
+    def at(self, k: int, travel: float) -> tuple[float, float]:
+        """Return z of the model of run k and its error at such a travel [m]."""
+        p, (columns, (h,)) = self.posterior, self._exponentials(k, np.array([travel]))
+        mean, covariance, lean = (part[k] for part in self._own)
+        variance = p.level_variance[k] - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        # an error of what all runs share moves level and tail together
+        change = -p.level_shift[k]
+        change[p.model.places["tail"]] += columns[0]
+        common = float(change @ p.covariance @ change)
+        z = float(p.level[k] + h[0] + h @ mean)
+        return z, float(np.sqrt(max(variance, 0.0) + common))
+
     @property
-    def levels(self) -> list[RunLevel]:
-        """Levels of the runs."""
-        p, bench = self.posterior, self.bench
-        places = p.model.places
+    def shared(self) -> Array:
+        """Standard deviations of the levels by errors of tail and drifts, with sign (R, 2)."""
+        p, places = self.posterior, self.posterior.model.places
         drifts = slice(places["zeros"].start, places["drift"].stop)
         factor = root(p.covariance)
         error = -p.level_shift @ factor
@@ -252,25 +236,19 @@ class BenchFit:
         size = np.linalg.norm(error, axis=1)
         share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
+        return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
+
+    @property
+    def drift(self) -> Array:
+        """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
+        p, bench = self.posterior, self.bench
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
         slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * bench.memory[-2]
         slow = slow + p.sizes["walk"] ** 2 * bench.memory[-1]
         wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
-        ends = [(2, int(np.flatnonzero(one)[-1])) for one in bench.one]
-        of_mu = float(p.of("drift")[0][0])
-        return [
-            RunLevel(
-                y=float(p.level[k]),
-                variance=float(p.level_variance[k]),
-                shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
-                shared_drift=float(size[k] * np.sqrt(share[k])),
-                misfit=float(np.sqrt(self.scale[k])),
-                drift=float(wander[k, last] - wander[k, first]) + of_mu * float(bench.level[k]),
-                fit=self,
-                k=k,
-            )
-            for k, (first, last) in enumerate(ends)
-        ]
+        last = bench.one.shape[1] - 1 - np.argmax(bench.one[:, ::-1] > 0.0, axis=1)
+        change = np.take_along_axis(wander, last[:, None], axis=1)[:, 0] - wander[:, 2]
+        return np.asarray(change + p.of("drift")[0][0] * bench.level)
 
 
 def noise_scale(bench: Bench, posterior: Posterior) -> Array:

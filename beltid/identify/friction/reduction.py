@@ -15,6 +15,7 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.bench_model import RunLevel, fit_bench
+from beltid.identify.friction.bench_model import BenchFit, fit_bench
 from beltid.identify.friction.cells import cell_errors
 from beltid.identify.friction.channels import Rest, against_stated
 from beltid.identify.friction.prepare import SlidingRecord, prepare_run
@@ -231,35 +232,30 @@ def _reduce_together(
     """Reduce all sliding runs of a bench together."""
     runs, records = zip(*sliding, strict=True)
     rests = [record.rest for record in records]
-    initial = np.array([rest.tension_N for rest in rests])
-    bench = fit_bench(records)
-    levels = bench.levels
-    own = np.array([level.variance for level in levels])
-    own += np.square([record.rounding for record in records])
-    found = np.array([level.y for level in levels])
-    cells = cell_errors(runs, records, found, np.sqrt(own), gain_rel, free_at_rest)
-    relaxed = 1.0 + _relaxation(rests)
-    shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
+    bench, relaxed = fit_bench(records), 1.0 + _relaxation(rests)
+    own = bench.posterior.level_variance + np.square([record.rounding for record in records])
+    level, shared, drift = bench.posterior.level, bench.shared, bench.drift
+    cells = cell_errors(runs, records, level, np.sqrt(own), gain_rel, free_at_rest)
     shared = np.column_stack([shared, cells.shared])
     y_ses = np.sqrt(own + cells.variance + np.sum(shared**2, axis=1))
-    for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
-        y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
-        run.initial_tension_N = float(initial[k]) * relaxed
+    for k, (run, record) in enumerate(sliding):
+        y, y_se = float(level[k] - cells.mean[k]), float(y_ses[k])
+        run.initial_tension_N = rests[k].tension_N * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
         run.held, run.converged = float(cells.held[k]), bench.converged
-        run.drift = level.drift / y
+        run.drift = float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
             if not 0.0 < mu <= MAX_MU:
                 raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
-            _set_plateau(run, record, level, y, y_se, R)
-            _check_fit(run, record, level, len(runs))
+            _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
+            _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
         except RunRejected as reason:
             run.status = str(reason)
             continue
         run.status = "ok"
-        run.mu_sticking_reason = _set_peak(run, record, level, y)
+        run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:
@@ -275,10 +271,9 @@ def _relaxation(rests: Sequence[Rest]) -> float:
 
 
 def _set_plateau(
-    run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, y_se: float, R: float
+    run: RunReduction, record: SlidingRecord, tail: Array, y: float, y_se: float, R: float
 ) -> None:
     """Determine the plateau and its tensions; `y` is its ln(T_tight/T_slack)."""
-    tail = level.tail(record.travel)
     unsettled = np.flatnonzero(np.abs(tail - tail[-1]) > STEADY * abs(y))
     start = int(unsettled[-1]) + 1 if unsettled.size else 0
     count, temperature = record.count[start:], record.temperature[start:]
@@ -330,14 +325,16 @@ def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> flo
     return float(np.average(level, weights=weight[start:]))
 
 
-def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs: int) -> None:
+def _check_fit(
+    run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, *shared: float
+) -> None:
     """Reject a run that does not fit the bench, drifts or never settles."""
-    relative_misfit = level.misfit * record.noise_N * record.sensitivity / level.y
+    y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
-    misfits = level.misfit > MAX_MISFIT and relative_misfit > STEADY
-    if n_runs >= FEWEST_FOR_MISFIT and misfits:
+    misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
+    if bench.scale.size >= FEWEST_FOR_MISFIT and misfits:
         raise RunRejected(
-            f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
+            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
             f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
         )
     if abs(run.drift) > MAX_DRIFT:
@@ -345,15 +342,14 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
             f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * MAX_DRIFT:g} %"
         )
-    left = abs(float(level.tail(record.travel[-1:])[0])) / level.y
+    left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     if left > MAX_TAIL:
         raise RunRejected(
             f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
             f"the end of the record, allowed is {100 * MAX_TAIL:g} %"
         )
     # errors of the cells do not count here: they do not depend on settling
-    parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
-    error = float(np.linalg.norm(parts)) / level.y
+    error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
     if error > MAX_ERROR:
         raise RunRejected(
             f"never settles: the standard error of its level is {100 * error:.2g} %, "
@@ -361,12 +357,13 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
         )
 
 
-def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: float) -> str:
+def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:
     """Set the sticking peak from the model of the sliding, or return why there is none."""
+    level = float(bench.posterior.level[k])
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond
-    model = level.y + level.tail(np.maximum(travel, 0.0))
+    model = level + bench.tail(k, np.maximum(travel, 0.0))
     ripple = record.ripple_N / record.tensions_N[0]
     limit = JOINED * record.noise_N * record.sensitivity + ripple
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
@@ -375,18 +372,18 @@ def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: floa
         return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
     run.peak_time_s = 0.5 * float(t[before] + t[join])
-    last_off, first_on = (max(float(travel[k]), 0.0) for k in (before, join))
-    peak, error = level.at(0.5 * (last_off + first_on))
+    last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
+    peak, error = bench.at(k, 0.5 * (last_off + first_on))
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(peak - float(np.nanmin(z)), limit)
     margin = float(travel[join] - travel[0]) * limit / rise
     step = first_on - last_off
     ahead = 0.1 * max(step, margin)
-    tail = level.tail(np.array([first_on, first_on + ahead]))
+    tail = bench.tail(k, np.array([first_on, first_on + ahead]))
     rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
     se = float(np.linalg.norm([error, timing, record.rounding]))
-    if peak - level.y < STANDS_OUT * se:
+    if peak - level < STANDS_OUT * se:
         return "no peak stands out from the plateau"
     if se > MAX_PEAK_ERROR * peak:
         return (
@@ -394,5 +391,5 @@ def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: floa
             f"allowed is {100 * MAX_PEAK_ERROR:g} %"
         )
     beta = float(np.radians(run.arc_deg))
-    run.mu_sticking, run.mu_sticking_se = (peak + y - level.y) / beta, se / beta
+    run.mu_sticking, run.mu_sticking_se = (peak + y - level) / beta, se / beta
     return ""
