@@ -119,6 +119,11 @@ class Posterior:
         place = self.model.places[name]
         return self.mean[place], self.covariance[place, place]
 
+    def step(self, share: float) -> Array | None:
+        """Return the coefficients of the first term; None if all are below a share of their sd."""
+        mean, covariance = self.of(self.model.shared[0].name)
+        return None if np.all(np.abs(mean) <= share * np.sqrt(np.diag(covariance))) else mean
+
 
 def root(C: Array) -> Array:
     """Return a factor F of a covariance, C = F F', which may be singular, shape (k, k)."""
@@ -200,21 +205,10 @@ class Mixed:
     def fit(
         self, start: Mapping[str, float] | None = None, steps: int = 200, tolerance: float = 1e-9
     ) -> Posterior:
-        """Find the sizes and return the posterior.
+        """Find the sizes, from `start` or else the medians of the priors; return the posterior.
 
-        Parameters
-        ----------
-        start : mapping of str to float, optional
-            Sizes to begin with; the medians of the priors for those not given.
-        steps : int
-            Most iterations of L-BFGS.
-        tolerance : float
-            Relative change of the log posterior at which they end.
-
-        Raises
-        ------
-        NumericsError
-            If the data do not determine a flat coefficient.
+        At most `steps` of L-BFGS, to a relative change `tolerance` of the log posterior. Raises
+        `NumericsError` if the data do not determine a flat coefficient.
         """
         theta = np.minimum(self.mid, self.top)
         for name, size in (start or {}).items():
@@ -398,8 +392,9 @@ def relinearised(
 ) -> tuple[Array, Posterior]:
     """Fit data that depend on p in a nonlinear way: y = f(p) + effects + noise.
 
-    Gauss–Newton's steps at given sizes and the sizes at a given p take turns; a step is halved
-    until the likelihood grows.
+    Gauss–Newton's steps at given sizes (at most `steps`) and the sizes at a given p take turns (at
+    most `sweeps`); a step is halved until the likelihood grows. Raises `NumericsError` if p or the
+    sizes do not settle.
 
     Parameters
     ----------
@@ -408,8 +403,6 @@ def relinearised(
         if p has a prior, that of this term is about prior mean - p. Effects may depend on p.
     p : array_like
         First guess.
-    steps, sweeps : int
-        Most steps at given sizes, and most turns.
 
     Returns
     -------
@@ -417,34 +410,26 @@ def relinearised(
         The mode.
     posterior : Posterior
         Of the model there; the covariance of its first term is that of p.
-
-    Raises
-    ------
-    NumericsError
-        If p or the sizes do not settle.
     """
-    p = np.asarray(p, dtype=float)
-    sizes: dict[str, float] = {}
+    p, sizes = np.asarray(p, dtype=float), dict[str, float]()
     for _ in range(sweeps):
-        p = _step_to_mode(build, p, sizes, steps)
+        p = _mode(build, p, sizes, steps)
         before, posterior = sizes, build(p).fit(start=sizes)
         sizes = posterior.sizes
-        step, sd = posterior.mean[: p.size], np.sqrt(np.diag(posterior.covariance)[: p.size])
-        if before and np.all(np.abs(step) <= 0.02 * sd):
+        if before and posterior.step(0.02) is None:
             return p, posterior
     raise NumericsError(f"mixed model: the sizes of the effects do not settle in {sweeps} turns")
 
 
-def _step_to_mode(
+def _mode(
     build: Callable[[Array], Mixed], p: Array, sizes: Mapping[str, float], steps: int
 ) -> Array:
     """Take steps of Gauss–Newton at given sizes."""
     model = build(p)
     value = model.without_first().at(sizes).log_evidence
     for _ in range(steps):
-        posterior = model.at(sizes)
-        step, sd = posterior.mean[: p.size], np.sqrt(np.diag(posterior.covariance)[: p.size])
-        if np.all(np.abs(step) <= 1e-3 * sd):
+        step = model.at(sizes).step(1e-3)
+        if step is None:
             return p
         for _ in range(30):
             model = build(p + step)

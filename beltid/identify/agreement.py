@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 OK = "ok"
-GOOD_RATIO = 0.6, 1.2
-"""RMS error over its standard uncertainty that neither side has to explain."""
+GOOD_RATIO = 0.6, 1.2  # RMS error over its standard uncertainty that neither side has to explain
 UNEXPLAINED = 2.0  # the same ratio beyond which the uncertainty lacks something
 SHARE_COMPARED = "min_share_compared"
 WORDS = {
@@ -49,8 +48,7 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of the comparison table."""
 SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
-"""Largest relative difference between measured and simulated settings of matched runs; motors miss
-their speed by about one percent."""
+"""Largest relative difference between settings of matched runs; motors miss their speed by 1 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +75,12 @@ class Statistics:
 
     def as_row(self) -> dict[str, object]:
         """Return a row for printing, in percent, with None instead of nan."""
-        shares = ("rms", "mean", "mean_magnitude", "largest")
-        figures = {f"{name}_percent": 100.0 * getattr(self, name) for name in shares}
-        figures |= {name: getattr(self, name) for name in ("force_low_N_m", "force_high_N_m")}
-        row = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
-        return {"group": self.group, "n_points": self.n_points, **row}
+        row: dict[str, object] = {"group": self.group, "n_points": self.n_points}
+        for name in ("rms", "mean", "mean_magnitude", "largest", "force_low_N_m", "force_high_N_m"):
+            value, is_force = getattr(self, name), name.startswith("force")
+            value = value if is_force else 100.0 * value
+            row[name if is_force else f"{name}_percent"] = value if np.isfinite(value) else None
+        return row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,13 +195,11 @@ class AgreementResult:
             "max_relative_error": self.overall.largest,
             SHARE_COMPARED: self.share_compared,
         }
-        rows = []
+        rows: list[dict[str, object]] = []
         for name, allowed in self.tolerances.items():
             found = figures[name]
-            holds = found >= allowed if name == SHARE_COMPARED else found <= allowed
-            rows.append(
-                {"tolerance": name, "found": found, "allowed": allowed, "holds": bool(holds)}
-            )
+            holds = bool(found >= allowed if name == SHARE_COMPARED else found <= allowed)
+            rows.append({"tolerance": name, "found": found, "allowed": allowed, "holds": holds})
         return rows
 
 
@@ -241,13 +238,11 @@ def compare_points(
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
         counts = Counter(reason for _, reason in left_out).most_common()
-        raise InputError(
-            [
-                "compare: no measured run has a simulated partner, must be at least one "
-                f"({n_measured} measured and {n_simulated} simulated runs)",
-                *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
-            ]
+        none = (
+            "compare: no measured run has a simulated partner, must be at least one "
+            f"({n_measured} measured and {n_simulated} simulated runs)"
         )
+        raise InputError([none, *(f"{counted(count, 'run')}: {why}" for why, count in counts)])
     real = {name: column[of_measured] for name, column in tables[0].items()}
     mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
     arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
@@ -328,19 +323,15 @@ def _match(
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Average the repetitions of each arc, then the arcs of each tension and speed."""
-    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated], axis=1)
+    from pandas import DataFrame  # slow to import
+
+    data = DataFrame({name: real[name] for name in NUMBERS[1:-1]})
+    data["mu_measured"], data["mu_simulated"] = real["mu_sliding"], mu_simulated
     names = ("nominal_tension_N", "pulley_speed_rad_s")
-    settings = np.stack([settings_of(real[n], SAME_SETTING[n]) for n in names], axis=1)
-    means, counts = [], []
-    for setting in np.unique(settings, axis=0):
-        rows = np.all(settings == setting, axis=1)
-        per_arc = [data[rows & (arcs == a)].mean(axis=0) for a in np.unique(arcs[rows])]
-        means.append(np.mean(per_arc, axis=0))
-        counts.append(len(per_arc))
-    columns: Columns = dict(
-        zip((*NUMBERS[1:-1], "mu_measured", "mu_simulated"), np.array(means).T, strict=True)
-    )
-    columns["n_arcs"] = np.array(counts, dtype=np.int64)
+    settings = [settings_of(real[name], SAME_SETTING[name]) for name in names]
+    of_setting = data.groupby([*settings, arcs]).mean().groupby(level=[0, 1])
+    columns: Columns = {str(name): x.to_numpy() for name, x in of_setting.mean().items()}
+    columns["n_arcs"] = of_setting.size().to_numpy()
     columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
     columns["relative_difference"] = columns["difference"] / columns["mu_measured"]
     return columns
@@ -352,8 +343,7 @@ SETTING: Final[dict[str, tuple[str, str]]] = {
 }
 """Column of each setting, and its unit as printed."""
 FEWEST: Final[dict[str, int]] = {"arc": 2, "speed": 3}
-FEWEST_RUNS: Final = 4
-"""Minimum number of runs to refine a surface from."""
+FEWEST_RUNS: Final = 4  # minimum number of runs to refine a surface from
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,23 +357,10 @@ class Fold:
 
 
 def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) -> tuple[Fold, ...]:
-    """List the settings that can be left out, in ascending order.
+    """List the settings, "arc" or "speed", that can be left out, in ascending order.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray (n,)
-        Columns of the reduced runs.
-    usable : ndarray of int
-        Rows of the usable runs.
-    by : {"arc", "speed"}
-        Setting to leave out.
-
-    Raises
-    ------
-    InputError
-        If there is no such setting.
-    TooFewSettings
-        If too few settings or runs would remain.
+    From columns (n,) of reduced runs and the rows of the usable ones. Raises
+    :class:`TooFewSettings` if too few settings or runs would remain.
     """
     if by not in SETTING:
         raise InputError(f"by = {by}, must be {' or '.join(SETTING)}")
@@ -396,16 +373,10 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
             f"cross_validate.by = {by}: {count} {by}{'' if count == 1 else 's'} measured, must be "
             f"at least {FEWEST[by]} to leave one out"
         )
-    inner = range(count) if by == "arc" else range(1, count - 1)
-    result = tuple(
-        Fold(
-            by,
-            f"{by} {np.median(values[label == k]):.4g}{unit}",
-            usable[label == k],
-            usable[label != k],
-        )
-        for k in inner
-    )
+    result = []
+    for k in range(count) if by == "arc" else range(1, count - 1):
+        name = f"{by} {np.median(values[label == k]):.4g}{unit}"
+        result.append(Fold(by, name, usable[label == k], usable[label != k]))
     short = [
         f"cross_validate.by = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
         f"least {FEWEST_RUNS}"
@@ -414,7 +385,7 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
     ]
     if short:
         raise TooFewSettings(short)
-    return result
+    return tuple(result)
 
 
 def between_speeds(log_speed: Array, log_mu: Array, at: Array, known: float) -> Array:
@@ -426,20 +397,8 @@ def between_speeds(log_speed: Array, log_mu: Array, at: Array, known: float) -> 
         u² = q (w' G w - 2 w' g) / 12,    G = |x_i - x_k|³, g = |x_i - x|³,
 
     with the weights w of the values in the spline: q h³/48 in the middle between two values at a
-    distance h. The n values contain n - 2 observations of q; its usual value counts as two more.
-
-    Parameters
-    ----------
-    log_speed, log_mu : ndarray, shape (n,)
-        ln of the speeds, increasing, and ln mu there; n >= 2.
-    at : ndarray, shape (m,)
-        ln of the speeds in between.
-    known : float
-        Usual value of q [-].
-
-    Returns
-    -------
-    ndarray, shape (m,)
+    distance h. The n >= 2 values ln mu at increasing ln v contain n - 2 observations of q; its
+    usual value `known` counts as two more. The result has the shape (m,) of `at`, ln v in between.
     """
     values = np.column_stack([log_mu, np.eye(log_speed.size)])
     spline = CubicSpline(log_speed, values, bc_type="natural")

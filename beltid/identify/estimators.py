@@ -1,12 +1,8 @@
 """Statistics of bench signals, robust to spikes: noise, correlation, ADC steps, periodic lines.
 
-A recording holds many samples but few independent ones: amplifier filters, the ripple of a
-turning pulley and slow drift correlate neighbouring samples. The standard error of a mean is
-therefore ``s sqrt(tau / n)`` with the integrated autocorrelation time ``tau`` [samples], not
-``s / sqrt(n)``.
-
-These functions work on any signal, whatever its physical quantity, and on noise-free records too:
-a spread of zero is allowed, and every threshold has a floor relative to the size of the signal.
+Neighbouring samples are correlated, by filters, ripple and drift: the standard error of a mean is
+``s sqrt(tau / n)`` with the integrated autocorrelation time ``tau`` [samples]. Records without
+noise are allowed: every threshold has a floor relative to the size of the signal.
 """
 
 from __future__ import annotations
@@ -23,8 +19,7 @@ MAD_TO_SIGMA = 1.482602218505602
 """Ratio of standard deviation to median absolute deviation, normal distribution."""
 MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
-OUTLIER = 6.0
-"""Distance from the median, in robust spreads, beyond which a sample is an outlier."""
+OUTLIER = 6.0  # distance from the median, in robust spreads, beyond which a sample is an outlier
 
 
 def median(x: Array) -> float:
@@ -37,19 +32,10 @@ def median(x: Array) -> float:
 
 
 def mad_sigma(x: ArrayLike) -> float:
-    """Estimate the standard deviation of a sample from its median absolute deviation.
+    """Estimate the standard deviation of the finite samples of x from their median deviation.
 
-    Parameters
-    ----------
-    x : array_like
-        Samples; values that are not finite are ignored.
-
-    Returns
-    -------
-    float
-        Spread in the unit of `x`, nan without samples. If more than half of the samples are equal
-        (a coarse ADC), the mean absolute deviation is used instead, so that the spread is
-        zero only if all samples are equal.
+    It is nan without samples. If more than half of them are equal (a coarse ADC), the mean absolute
+    deviation is used instead, so that the spread is zero only if all samples are equal.
     """
     values = np.asarray(x, dtype=float).ravel()
     values = values[np.isfinite(values)]
@@ -61,20 +47,10 @@ def mad_sigma(x: ArrayLike) -> float:
 
 
 def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
-    """Mark samples of a steady signal that are missing or far from its median.
+    """Mark samples (n,) of a steady signal that are missing or far from its median.
 
-    Parameters
-    ----------
-    x : array_like
-        Samples, shape (n,).
-    least_spread : float
-        Lower limit of the spread that :data:`OUTLIER` multiplies, in the unit of `x`.
-
-    Returns
-    -------
-    ndarray of bool
-        True where a sample is not finite or an outlier, shape (n,). With fewer than three finite
-        samples none is an outlier.
+    :data:`OUTLIER` multiplies their spread, which is at least `least_spread`, in the unit of `x`.
+    With fewer than three finite samples none is an outlier.
     """
     values = np.asarray(x, dtype=float).ravel()
     mask = ~np.isfinite(values)
@@ -95,16 +71,9 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     corrected. From the first lag at which the correlation is within two standard errors of zero,
     it is assumed to decay exponentially at the same rate as before.
 
-    Parameters
-    ----------
-    *runs : array_like
-        Evenly spaced samples of one or several runs in time order, shape (n,) each. Values that
-        are not finite are gaps: pairs with a gap are ignored, and all other lags stay correct.
-
-    Returns
-    -------
-    float
-        tau in samples, at least 1 (independent); negative correlation does not lower it.
+    The runs are evenly spaced samples in time order, shape (n,) each; pairs with a value that is
+    not finite are ignored. tau is in samples, at least 1 (independent); negative correlation does
+    not lower it.
     """
     residuals = [r for r in (_less_mean(run) for run in runs) if np.nansum(r * r) > 0.0]
     longest = max((r.size for r in residuals), default=0)
@@ -161,18 +130,16 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
 
 def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     """Replace each measured value by the median of its setting; nan stays nan."""
-    settings, finite = np.full(values.shape, np.nan), np.isfinite(values)
+    snapped, finite = np.full(values.shape, np.nan), np.isfinite(values)
     known = values[finite]
     labels = settings_of(known, gap)
-    medians = [np.median(known[labels == k]) for k in np.unique(labels)]
-    settings[finite] = np.array(medians)[labels]
-    return settings
+    snapped[finite] = [np.median(known[labels == k]) for k in labels]
+    return snapped
 
 
 SPIKE_WINDOW = 7
 """Window of the running median [samples]; it ignores up to three deviating samples in a row."""
-NOISE_FLOOR = 2.0e-5
-"""Deviations below this fraction of a signal always count as rounding."""
+NOISE_FLOOR = 2.0e-5  # deviations below this fraction of a signal always count as rounding
 
 
 def running_median(x: Array, window: int) -> Array:
@@ -186,20 +153,10 @@ def running_median(x: Array, window: int) -> Array:
 def difference_sigma(x: Array, order: int = 1) -> float:
     """Estimate the standard deviation of white noise on a slowly changing signal by differencing.
 
-    Parameters
-    ----------
-    x : ndarray
-        Finite samples in time order, shape (n,).
-    order : int
-        Order of the differences. It removes a polynomial of lower degree: use 2 on a ramp.
-
-    Returns
-    -------
-    float
-        ``1.4826 median |differences|`` divided by the root of the sum of their squared weights,
-        which is ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse
-        ADC makes more than half of the differences zero, the root mean square of the smallest
-        98 % replaces the median.
+    Differences of some order of the finite samples (n,) remove a polynomial of lower degree: use 2
+    on a ramp. ``1.4826 median |differences|`` is divided by the root of the sum of their squared
+    weights, ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse ADC
+    makes more than half of them zero, it is the root mean square of the smallest 98 %.
     """
     if x.size <= order:
         return 0.0
@@ -211,8 +168,7 @@ def difference_sigma(x: Array, order: int = 1) -> float:
     return sigma / math.sqrt(math.comb(2 * order, order))
 
 
-COARSEST = 0.1
-"""Largest step of an ADC, over the largest value that it reads."""
+COARSEST = 0.1  # largest step of an ADC, over the largest value that it reads
 
 
 def resolution(*signals: Array) -> float:
@@ -220,11 +176,7 @@ def resolution(*signals: Array) -> float:
 
     The values of a coarse converter repeat and lie on an even grid through zero, or chatter. Round
     numbers without noise are no grid: a step is at most :data:`COARSEST` of the largest value.
-
-    Parameters
-    ----------
-    *signals : ndarray
-        Samples in time order, in one unit; values that are zero or not finite do not count.
+    Samples in time order, in one unit, of which zeros and those that are not finite do not count.
     """
     finite = [x[np.isfinite(x) & (x != 0.0)] for x in signals]
     every = np.abs(np.concatenate(finite))
@@ -246,15 +198,15 @@ def _chatter_step(x: Array) -> float:
 
 def _grid(levels: Array) -> float:
     """Return the spacing of an even grid through all levels; zero if there is none."""
-    gaps = np.diff(levels)
-    if levels[-1] - levels[0] > 1e6 * np.min(gaps):
+    smallest, above = float(np.min(np.diff(levels))), levels - levels[0]
+    if above[-1] > 1e6 * smallest:
         return 0.0
     for part in (1, 2, 3):  # with few levels the smallest gap may span several steps
-        step = float(np.min(gaps)) / part
+        step = smallest / part
         for _ in range(2):  # levels are rounded: the full range gives a better step than one gap
-            count = np.rint((levels - levels[0]) / step)
-            step = float(np.sum(count * (levels - levels[0])) / np.sum(count**2))
-        if np.max(np.abs(levels - levels[0] - step * count)) <= 0.02 * step:
+            count = np.rint(above / step)
+            step = float(count @ above / (count @ count))
+        if np.max(np.abs(above - step * count)) <= 0.02 * step:
             return step
     return 0.0
 
@@ -263,12 +215,8 @@ def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
     """Return the standard error of means due to readings in steps; averaging does not lower it.
 
     It is ``step/sqrt(12)`` without noise; noise before the rounding, here a safe lower estimate
-    from the recorded scatter, smooths it as ``exp(-2 pi² noise²/step²)``.
-
-    Parameters
-    ----------
-    recorded, step : array_like
-        Standard deviation of the readings, and their step (zero: fine), in one unit.
+    from the standard deviation of the readings as recorded, smooths it as
+    ``exp(-2 pi² noise²/step²)``. A step of zero is fine.
     """
     scatter, width = np.broadcast_arrays(np.asarray(recorded, float), np.asarray(step, float))
     ratio = np.divide(scatter, width, out=np.full(scatter.shape, np.inf), where=width > 0.0)
@@ -277,17 +225,10 @@ def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
-    """Mark samples that lie far from the running median of their neighbours, shape (n,).
+    """Mark finite samples (n,) that lie far from the running median of their neighbours.
 
-    The limit grows with the local change of the median, so that the steep build-up of a run and
-    its corner do not count as spikes.
-
-    Parameters
-    ----------
-    x : ndarray
-        Finite samples in time order, shape (n,).
-    threshold : float
-        Limit in standard deviations of the white noise.
+    The limit, in standard deviations of the white noise, grows with the local change of the median,
+    so that the steep build-up of a run and its corner do not count as spikes.
     """
     if x.size < 5:
         return np.zeros(x.size, dtype=bool)
@@ -322,21 +263,9 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     """Find the frequency of the strongest periodic component above the noise.
 
     A line needs at least one and a half periods in the record, and must exceed both white noise and
-    its neighbourhood in the spectrum (so that red noise does not count as a line).
-
-    Parameters
-    ----------
-    t : ndarray
-        Times [s], non-decreasing, shape (n,).
-    residuals : ndarray
-        Residual signals in units of their noise, orthogonal to `basis`, shape (n, m).
-    basis : ndarray
-        Orthonormal columns already fitted, shape (n, p).
-
-    Returns
-    -------
-    float or None
-        Frequency [Hz], refined by least squares; None if no line is significant.
+    its neighbourhood in the spectrum (so that red noise does not count as a line). The residuals
+    (n, m) at the times t [s] are in units of their noise and orthogonal to the orthonormal columns
+    already fitted, `basis` (n, p). The frequency [Hz] is refined by least squares.
     """
     n = t.size
     duration = float(t[-1] - t[0])

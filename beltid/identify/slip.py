@@ -54,12 +54,9 @@ class SlipPoint:
     driver_speed_rad_s: float
     initial_tension_N: float  # belt at rest
     torque_N_m: float  # mean, with the sign of the recording
-    speed_loss_rad_s: float
-    """Driver speed minus driven speed times the pulley ratio: positive if the driven pulley falls
-    behind."""
-    slip_speed_m_s: float
-    """Eq. (7), and its standard error, with the samples' correlation and the ratio's error."""
-    slip_speed_se_m_s: float
+    speed_loss_rad_s: float  # driver speed minus driven speed times the pulley ratio
+    slip_speed_m_s: float  # Eq. (7)
+    slip_speed_se_m_s: float  # with the samples' correlation and the ratio's error
     n_samples: int  # samples with both speeds known
     status: str  # "ok", "gross slip", or why the point cannot be used
 
@@ -115,19 +112,8 @@ def required_pulley_speeds(
 ) -> RequiredSpeeds:
     """Find the pulley speeds ``omega = v / R`` of the friction rig that cover sliding in service.
 
-    Parameters
-    ----------
-    slip : SlipResult
-        Sliding speeds in service.
-    R : float
-        Radius of the belt's centreline on the rig's pulley [m], > 0.
-    configured : sequence of float, optional
-        Pulley speeds set on the rig [rad/s].
-
-    Raises
-    ------
-    InputError
-        If no sliding speed differs significantly from zero.
+    R [m] is the radius of the belt's centreline on the rig's pulley, `configured` the speeds that
+    are set there [rad/s]. Raises `InputError` if no sliding speed differs significantly from zero.
     """
     speeds = [
         abs(p.slip_speed_m_s)
@@ -168,8 +154,7 @@ NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2
 """Torque over the largest that counts as zero: below the first, or within its noise and below the
 second."""
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
-STANDS = 0.05
-"""Speed of the driven pulley over the driver's below which its direction is unknown."""
+STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
@@ -179,16 +164,16 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     ----------
     speedloss : mapping of str to ndarray
         Columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
-        ``driven_speed_rad_s``, shape (n,) each; nan where missing.
+        ``driven_speed_rad_s``, shape (n,) each, n >= 1; nan where missing.
     pulley_radius_m : float
         Radius of the belt's centreline on the driver pulley [m].
 
     Raises
     ------
     InputError
-        If columns are missing, the radius is not positive, or no point can be used.
+        If no point can be used.
     """
-    labels, runs = _runs(speedloss, pulley_radius_m)
+    labels, runs = _runs(speedloss)
     notes = _cut_to_speed(labels, runs)
     one = np.zeros(labels.size, dtype=np.intp)
     tension, torque, speed, driven = (pooled_means(runs[name], one)[0] for name in COLUMNS)
@@ -251,25 +236,12 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     )
 
 
-def _runs(speedloss: Mapping[str, NDArray], radius: float) -> tuple[NDArray[np.object_], Runs]:
-    """Check the columns and split them by run; return the labels in the order of the recording."""
-    needed = ("run", *COLUMNS)
-    missing = [name for name in needed if name not in speedloss]
-    problems = [f"speed-loss recording: column {name} is missing" for name in missing]
-    if not (radius > 0.0 and math.isfinite(radius)):
-        problems.append(f"pulley_radius_m = {radius!r}, must be > 0 m")
-    if not missing:
-        sizes = {name: np.shape(speedloss[name]) for name in needed}
-        if len(set(sizes.values())) > 1 or sizes["run"] == (0,):
-            text = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
-            problems.append(f"speed-loss recording: {text}, must be equally many, at least 1")
-    if problems:
-        raise InputError(problems)
+def _runs(speedloss: Mapping[str, NDArray]) -> tuple[NDArray[np.object_], Runs]:
+    """Split the columns by run; return the labels in the order of the recording."""
     labels = np.asarray(speedloss["run"]).astype(str)
     names = np.array(list(dict.fromkeys(labels.tolist())), dtype=object)
-    rows = [labels == name for name in names]
     columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
-    return names, {name: [values[r] for r in rows] for name, values in columns.items()}
+    return names, {name: [x[labels == run] for run in names] for name, x in columns.items()}
 
 
 def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
@@ -288,9 +260,8 @@ def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
             values[k] = values[k][part]
         if finite[part].sum() < finite.sum():
             shortened.append(label)
-    if not shortened:
-        return []
-    return [f"samples before the driver is up to its speed left out: {', '.join(shortened)}"]
+    named = ", ".join(shortened)
+    return [f"samples before the driver is up to its speed left out: {named}"] if named else []
 
 
 def _series(speed: Array) -> NDArray[np.intp]:
@@ -316,18 +287,9 @@ def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, floa
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
     """Average each run without its spikes; the standard error comes from the pooled noise.
 
-    Parameters
-    ----------
-    samples : sequence of ndarray
-        Evenly spaced samples of a steady signal for each of R runs, nan where missing, shape (n,).
-    series : ndarray of int
-        Number of the series of each run, shape (R,); the runs of a series have equal noise.
-
-    Returns
-    -------
-    ndarray, shape (2, R)
-        Means and standard errors ``s sqrt(tau / n)`` with the variance s² and the correlation time
-        tau [samples] of the series; nan if unknown.
+    Each of R runs has evenly spaced samples of a steady signal (n,), nan where missing; the runs of
+    a series (R,) have equal noise. Returns means and standard errors ``s sqrt(tau / n)`` with the
+    variance s² and the correlation time tau [samples] of the series, (2, R); nan if unknown.
     """
     steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in samples])
     noise = mad_sigma(steps) / math.sqrt(2.0) if steps.size else 0.0

@@ -8,7 +8,6 @@ does not look like a trend over the tension.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -60,8 +59,8 @@ def surface_target(
 ) -> Target:
     """Weigh a range of forces [N/m] and speeds [m/s] uniformly in ln f and ln v.
 
-    The speeds are those of the curves within the range, each weighted by half of its gaps to the
-    next ones; a curve just outside an end of the range, by up to `SAME_SPEED`, counts too.
+    The speeds are those of the curves within the range, or outside by up to `SAME_SPEED`, each
+    weighted by half of its gaps to the next ones.
     """
     low, high = np.log(speed)
     inside = (curves.log_speed >= low - SAME_SPEED) & (curves.log_speed <= high + SAME_SPEED)
@@ -90,16 +89,10 @@ def schedule(
     minutes_per_run: float,
     minutes_per_arc_change: float,
 ) -> list[ScheduledRun]:
-    """Put chosen runs in order, with ascending arcs.
+    """Put chosen runs, listed once per repetition, in order, with ascending arcs.
 
-    Parameters
-    ----------
-    chosen : sequence of int
-        The runs, listed once per repetition.
-    settings : sequence of tuple of float
-        Arc, initial tension and speed of every candidate.
-    minutes_per_run, minutes_per_arc_change : float
-        Durations [min]; the arc of the first run is already set.
+    `settings` holds arc, initial tension and speed of every candidate; the arc of the first run is
+    already set.
     """
     ordered: list[ScheduledRun] = []
     clock = 0.0
@@ -162,17 +155,13 @@ class Plan:
     chosen: tuple[int, ...]
     """Numbers of the candidates, listed once per repetition; empty if the plan is to stop. With n
     candidates, n + i is candidate i with the pulley turning the other way."""
-    gains: tuple[float, ...]
-    """Relative rise of the uncertainty if that run were left out; below zero only for a run that
-    the plan must contain."""
-    needed: dict[int, Need]
-    """Number of a candidate that the plan must contain -> reason: its arc, its repetition."""
+    gains: tuple[float, ...]  # relative rise of the uncertainty if that run were left out
+    needed: dict[int, Need]  # candidate that the plan must contain -> reason
     before: float  # root of the mean variance of ln mu over the target [-]
     after: float
     regions: tuple[Region, ...]  # uncertainty before and after, per region
     shared: float  # share of the variance after the runs that comes from shared errors
-    statements: tuple[Statement, ...]
-    """Shared errors, the largest first, including those that are fitted rather than stated."""
+    statements: tuple[Statement, ...]  # shared errors, stated or fitted, the largest first
     stop: Stop | None  # reason to stop; None if the runs are worth their time
 
     @property
@@ -194,12 +183,8 @@ def choose_plan(
 
     Parameters
     ----------
-    before : Knowledge
-        Present knowledge of the surface.
-    runs : RunRows
-        The candidates.
-    target : Target
-        Where the surface must be known.
+    before, runs, target
+        Present knowledge of the surface, the candidates, and where it must be known.
     sources : sequence of Source
         The shared errors, in the order of the columns.
     count : int
@@ -283,23 +268,15 @@ def _planned(
 
 def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Region, ...]:
     """Return the uncertainty before and after the runs in the thirds of ln force and ln speed."""
-    regions, number = [], []
-    for x in (np.log(target.normal_force), np.log(target.slip_speed)):
+    regions, number, axes = [], [], (target.normal_force, target.slip_speed)
+    for x in np.log(axes):
         width = max(float(np.ptp(x)), 1.0e-12)
         number.append(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)))
-    for force, speed in itertools.product(range(REGIONS), repeat=2):
-        here = (number[0] == force) & (number[1] == speed)
-        weight = target.weight[here]
-        if weight.sum() > 0.0:
-            f, v = target.normal_force[here], target.slip_speed[here]
-            regions.append(
-                Region(
-                    force=(float(f.min()), float(f.max())),
-                    speed=(float(v.min()), float(v.max())),
-                    before=float(np.sqrt(np.average(before[here], weights=weight))),
-                    after=float(np.sqrt(np.average(after[here], weights=weight))),
-                )
-            )
+    for third in np.unique(number, axis=1).T:
+        here = np.all(third == np.array(number).T, axis=1)
+        ranges = [(float(x[here].min()), float(x[here].max())) for x in axes]
+        parts = [np.average(x[here], weights=target.weight[here]) for x in (before, after)]
+        regions.append(Region(*ranges, *np.sqrt(parts).tolist()))
     return tuple(regions)
 
 
@@ -309,14 +286,11 @@ def _statements(
     """Rank the shared errors by their contribution; those without effect are left out."""
     total = after.variance(W)
     of_source = np.einsum("pk,pk->k", after.changes, W @ after.changes)
-    first: dict[str, Source] = {}
-    variance: dict[str, float] = {}
-    for source, part in zip(sources, of_source.tolist(), strict=True):
-        first.setdefault(source.name, source)
-        variance[source.name] = variance.get(source.name, 0.0) + part
-    statements = (
-        Statement(first[name], float(np.sqrt(part)), float(np.sqrt(total - 0.75 * part)))
-        for name, part in variance.items()
-        if part > LEAST**2
-    )
+    statements = []
+    for name in dict.fromkeys(source.name for source in sources):
+        same = [k for k, source in enumerate(sources) if source.name == name]
+        part = float(of_source[same].sum())
+        if part > LEAST**2:
+            left = float(np.sqrt(total - 0.75 * part))
+            statements.append(Statement(sources[same[0]], float(np.sqrt(part)), left))
     return tuple(sorted(statements, key=lambda item: item.halved))

@@ -63,14 +63,9 @@ class NoiseLaw:
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
-    """Fit (P6) to the squared standard errors of reduced runs.
+    """Fit (P6) to the squared standard errors of reduced runs, in relative misfits.
 
-    The misfits are relative to the squares, so that noisy runs do not dominate the fit.
-
-    Raises
-    ------
-    InputError
-        If no run has a standard error.
+    Raises `InputError` if no run has a standard error.
     """
     squares = np.square(measured.mu_se / measured.mu)
     has_error = squares > 0.0
@@ -111,9 +106,9 @@ class Candidates:
 
     campaign: Campaign  # the runs with their simulated tensions, and the bench
     curves: Curves  # knots and speeds of the surface
-    J: Array  # derivatives of ln mu with respect to the parameters, and ln v, (n, size), (n,)
-    speed_slope: Array
-    slopes: Array  # derivatives with respect to the inputs of the simulated rig, (n, 8)
+    J: Array  # derivatives of ln mu with respect to the parameters, (n, size)
+    speed_slope: Array  # and to ln v, (n,)
+    slopes: Array  # and to the inputs of the simulated rig, (n, 8)
 
     @property
     def measured(self) -> Measured:
@@ -131,15 +126,8 @@ class Candidates:
     ) -> RunRows:
         """Build the rows of the linear model, one for each candidate.
 
-        Parameters
-        ----------
-        sources : sequence of Source
-            The shared errors, in the order of the columns of S. One that does not affect new runs
-            has zeros.
-        noise : NoiseLaw
-            Noise of a run.
-        columns : mapping of str to float
-            Change of ln mu per unit of each reduction error, by the key of its source.
+        The shared errors are in the order of the columns of S; one that does not affect new runs
+        has zeros. `columns` holds the change of ln mu per unit of each reduction error, by key.
         """
         n, arc = self.J.shape[0], self.measured.arc
         shared = {key: np.full((n, 1), value) for key, value in columns.items()}
@@ -179,18 +167,14 @@ def simulate_candidates(
 
     Parameters
     ----------
-    bench : Bench
-        Belt and rig; its surface is not used.
-    press : PressLaw
-        The contact law and the data it was fitted to.
+    bench, press, kind
+        Belt and rig (its surface is not used), its contact law, and what it measures.
     settings : Settings
         Available settings of the rig.
     known_arcs_deg : sequence of float
         Arc settings of the measured surface, numbered as in its sources [deg].
     measured : FrictionSurface or None
         The present surface; None before any run, which takes the mean of the prior.
-    kind : RigKind
-        What the rig measures, and so which errors its tensions can have.
 
     Raises
     ------

@@ -72,12 +72,9 @@ Need = Literal["arc", "repetition"]
 class RunRows:
     """Runs as rows of the linear model."""
 
-    J: Array
-    """Derivatives of ln mu of the runs with respect to the parameters of the surface, (n, size)."""
-    S: Array
-    """Change of measured less simulated ln mu per standard uncertainty of each shared error, (n,
-    K)."""
-    variance: Array  # variance of ln mu by the noise of the run, (n,)
+    J: Array  # derivatives of ln mu with respect to the parameters of the surface, (n, size)
+    S: Array  # change of measured less simulated ln mu by one u of each shared error, (n, K)
+    variance: Array  # of ln mu by the noise of the run, (n,)
     arc: NDArray[np.intp]  # number of the arc setting, (n,)
 
 
@@ -85,10 +82,8 @@ class RunRows:
 class Knowledge:
     """Knowledge of the parameters of a surface."""
 
-    scatter: Array
-    """Covariance by the scatter from run to run, and by what was never measured, (size, size)."""
-    changes: Array
-    """Change of the parameters per standard uncertainty of each shared error, (size, K)."""
+    scatter: Array  # covariance by scatter, and by what was never measured, (size, size)
+    changes: Array  # of the parameters by one u of each shared error, (size, K)
 
     def after(self, runs: RunRows, chosen: Sequence[int]) -> Knowledge:
         """Update with some of the runs, (P2); a run counts as often as it is listed."""
@@ -122,22 +117,9 @@ class Knowledge:
 def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[int]:
     """Choose the runs that leave the smallest mean variance: one by one, then by exchange.
 
-    Parameters
-    ----------
-    before : Knowledge
-        Present knowledge.
-    runs : RunRows
-        The candidates; each may be chosen several times.
-    W : ndarray, shape (size, size)
-        Weights of the target.
-    count : int
-        Runs to choose, >= 1.
-
-    Returns
-    -------
-    list of int
-        Numbers of the candidates, ascending. At least two arcs (if there are several) and, in three
-        or more runs, one repeated run. Deterministic.
+    The target has the weights W (size, size). Returns numbers of the candidates, ascending, `count`
+    >= 1 of them: at least two arcs (if there are several) and, in three or more runs, one repeated
+    run. Deterministic.
     """
     chosen = _completed(before, runs, W, [], count)
     variance = before.after(runs, chosen).variance(W)
@@ -200,16 +182,11 @@ def needed_for(runs: RunRows, chosen: Sequence[int], count: int) -> dict[int, Ne
     return needs
 
 
-LEVEL: Final = 1.0
-"""mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical."""
-LEVEL_WIDTH: Final = 0.38
-"""Standard deviation of ln mu at that point: half of ln(1.5 / 0.7)."""
-FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
-"""d ln mu / d ln f_N and its standard deviation."""
-SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
-"""d ln mu / d ln v and its standard deviation."""
-SAME_SPEED: Final = 0.1
-"""Largest distance in ln v at which a run belongs to a speed of the surface."""
+LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
+LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)
+FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15  # d ln mu / d ln f_N and its standard deviation
+SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15  # d ln mu / d ln v and its standard deviation
+SAME_SPEED: Final = 0.1  # largest distance in ln v at which a run belongs to a speed of the surface
 
 
 def sources_of_plan(
@@ -218,18 +195,9 @@ def sources_of_plan(
     arcs_deg: Sequence[float],
     law_scatter: bool,
 ) -> tuple[Source, ...]:
-    """List the shared errors of a surface, then the additional ones of its candidates.
+    """List the shared errors of a known surface, then the additional ones of its candidates.
 
-    Parameters
-    ----------
-    known : SurfaceUncertainty or None
-        The surface; None before any run.
-    stated : StandardUncertainties
-        Stated uncertainties of the bench.
-    arcs_deg : sequence of float
-        Arc settings of the candidates [deg].
-    law_scatter : bool
-        Whether the covariance of the contact law is known.
+    These are at arcs [deg]; `law_scatter` says whether the covariance of the contact law is known.
     """
     stored = () if known is None else tuple(known.sources)
     _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
@@ -289,14 +257,8 @@ def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
 def knowledge_at(curves: Curves, measured: SurfaceUncertainty | None, n_errors: int) -> Knowledge:
     """Return the knowledge of ln mu at the knots of a plan, before its runs.
 
-    Parameters
-    ----------
-    curves : Curves
-        Knots and speeds of the plan; the nodes of the measured surface are among them.
-    measured : SurfaceUncertainty or None
-        The measured surface; None before any run.
-    n_errors : int
-        Number of shared errors, those of the measured surface first; the others do not affect it.
+    The nodes of the measured surface, if there is one, are among the knots, and its shared errors
+    are the first of all `n_errors`; the others do not affect it.
     """
     prior = prior_covariance(curves)
     changes = np.zeros((prior.shape[0], n_errors))

@@ -1,11 +1,10 @@
 """Refine a friction surface: find mu(f_N, v) for which the simulated rig matches the measurements.
 
-The published procedure assigns each measured coefficient to the mean force of Eq. (8). This ignores
-bending, which causes force peaks where the belt enters and leaves the pulley. Here the rig is
-simulated (its sliding limit, with sensitivities), and Gauss–Newton finds the surface for which
-Eq. (6), applied to the simulated tensions, gives each measured coefficient. The shape of the
-surface is free. The data determine its smoothness and the other effects on friction
-(:mod:`beltid.refine.posterior`).
+The published procedure assigns each measured coefficient to the mean force of Eq. (8), which has no
+peaks by bending where the belt enters and leaves the pulley. Here the rig is simulated (its sliding
+limit, with sensitivities), and Gauss–Newton finds the surface for which Eq. (6), applied to the
+simulated tensions, gives each measured coefficient. The data determine its smoothness and the other
+effects on friction (:mod:`beltid.refine.posterior`).
 
 An error e of the bench changes the surface by G de, with the gain G of the solution (implicit
 differentiation of least squares) and the change de of measured minus simulated ln mu: without a new
@@ -58,16 +57,11 @@ MESHES: Final = (1.5, 3.0)
 """Numbers of elements over the default, so that the mesh adds no bias; the second where the first
 does not converge: contact points that come and go make the misfit of very quiet runs rough."""
 MODEL_ERROR: Final = 2.0e-4
-"""Relative error of a simulated coefficient, added to the measured one.
-
-A mesh four times finer changes the coefficient by 0.002 to 0.02 %, and an independent model differs
-by 0.007 %. A larger value would shift weight from quiet runs to noisy ones, and the common noise
-scale would come out too small."""
+"""Relative error of a simulated coefficient: a mesh four times finer changes it by 0.002 to 0.02 %,
+an independent model differs by 0.007 %."""
 SHARES: Final = (5.0e-4, 5.0e-3)
-"""Shares of a run's normal load that act below the lowest knot and below the range of the surface.
-
-Below the lowest knot the nearest value applies, even if the law continues to rise: with a share of
-0.5 % the whole surface came out 0.02 to 0.04 % too high."""
+"""Shares of a run's normal load that act below the lowest knot, where the nearest value applies (a
+share of 0.5 % made the surface 0.02 to 0.04 % too high), and below the range of the surface."""
 MOST_ITERATIONS: Final = 40
 TOLERANCE: Final = 1.0e-5  # change of ln mu at which the iteration ends
 NEARLY: Final = 1.0e-4  # change of ln mu up to which a result is used with a warning
@@ -84,8 +78,7 @@ LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
 class RefinedSurface:
     """Solution of the inverse problem."""
 
-    surface: FrictionSurface
-    """The surface with the standard errors of its nodes by scatter and effects."""
+    surface: FrictionSurface  # with the standard errors of its nodes by scatter and effects
     curves: Curves  # the splines from which the surface was tabulated
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign  # its runs, with the effects that they show
@@ -93,22 +86,15 @@ class RefinedSurface:
     sources: tuple[Source, ...]
     """The same, less what the runs show of the bending stiffness; then the effects."""
     changes: Array  # change of the parameters by one standard uncertainty of each source, (size, K)
-    scatter: Array
-    """Covariance of the parameters by scatter from run to run and by what is smoothed away, (size,
-    size)."""
+    scatter: Array  # covariance by scatter from run to run and what is smoothed away, (size, size)
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
-    fit: Fit
-    """End of the iteration: its posterior is the estimate of surface and effects, with the sizes of
-    noise, scatter, curve, difference and effects."""
+    fit: Fit  # end of the iteration, whose posterior is the estimate of surface and effects
     told: Posterior  # what the runs say of the errors that they share as well
     iterations: int  # Gauss–Newton iterations
-    misfit_before: Array
-    """Simulated over measured coefficient minus one, with the initial and the refined surface,
-    (n,)."""
-    misfit_after: Array
+    misfit_before: Array  # simulated over measured mu minus one, with the initial surface, (n,)
+    misfit_after: Array  # with the refined one
     effects: tuple[EstimatedEffect, ...]  # effects on the friction apart from the surface
-    effects_covariance: Array
-    """Covariance of all their numbers, by noise and by the errors that runs share, (K', K')."""
+    effects_covariance: Array  # of all their numbers, by noise and errors that runs share, (K', K')
 
     @property
     def sizes(self) -> Sizes:
@@ -403,9 +389,9 @@ class Problem:
     def solved(self, start: FrictionSurface) -> Fit:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them.
 
-        Each step decreases the penalised misfit with the weights and sizes from which it was
-        computed, so that the iteration cannot cycle. They are chosen again only if the linear model
-        was just valid for a whole step, or if the misfit decreases no further.
+        Each step decreases the penalised misfit with its weights and sizes. They are chosen again
+        only if the linear model was just valid for a whole step, or if the misfit decreases no
+        further.
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
@@ -499,17 +485,11 @@ class ShownEffect:
     the campaign by run order and temperature if the runs cannot separate the two."""
     size: float
     """Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
-    by 10 K; in addition to the steady change (root mean square); or the standard deviation of the
-    scatter."""
+    by 10 K; beside the steady change (root mean square); or the standard deviation of scatter."""
     uncertainty: float  # standard uncertainty of the size; nan for the scatter
-    arcs_deg: tuple[float, ...] = ()
-    """The arcs with the lower and the higher friction [deg]; empty for other effects."""
-    explained: float = math.nan
-    """Share of the order, its course or the temperature that force and speed of the runs explain
-    [-]; nan for others."""
-    log_evidence: float = math.inf
-    """Logarithm of how much more probable the runs are with the effect than without it, when other
-    effects and stated errors may replace it; infinite if its size is too small to compute it."""
+    arcs_deg: tuple[float, ...] = ()  # with the lower and the higher friction, of an arc effect
+    explained: float = math.nan  # share that force and speed of the runs explain; nan for arcs
+    log_evidence: float = math.inf  # for the effect, where others may replace it; if it is large
 
     @property
     def is_confounded(self) -> bool:
@@ -520,8 +500,7 @@ class ShownEffect:
     def is_large(self) -> bool:
         """Whether it far exceeds its uncertainty and the error of the simulated rig.
 
-        That error is similar in similar runs, so it looks like an effect. An effect that force and
-        speed explain may as well belong to the surface.
+        An effect that force and speed explain may as well belong to the surface.
         """
         least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
         return abs(self.size) > least and not self.is_confounded

@@ -8,16 +8,15 @@ with a level for each speed and a slope that all share (free), a curve that all 
 the differences in slope between speeds. With h ~ N(0, 1) the curve has a white second derivative
 over ln f_N of unit intensity, and the differences have a slope over ln f_N that is white in ln f_N
 and in ln v: the integrals of (d² ln mu / d(ln f)²)² and of (d² ln mu / d ln f d ln v)² are h' h.
-Beyond the knots the nearest value applies, as everywhere in the package. The runs follow
+Beyond the knots the nearest value applies. The runs follow
 
     y = X h + sum_e Z_e u_e + noise,    noise ~ N(0, s² e² + s_r² r²),
 
 y the measured less the simulated ln mu, about simulated runs; level and slope are free, curve and
 difference are normal with a size each; Z_e the effects of the campaign with a size each; e the
 standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of the
-friction from run to run.
-:mod:`beltid.mixed` finds the sizes; all of them have priors: where noise hides the curvature, the
-most probable surface without is too rigid. An effect is a factor on the whole surface:
+friction from run to run. :mod:`beltid.mixed` finds the sizes; all of them have priors. An effect is
+a factor on the whole surface:
 
 - *Arcs*: one number for each setting, for a wear track or an incorrectly set arc.
 - *Run order*: run-in or wear. A steady change from the first run to the last, and its curvature:
@@ -26,21 +25,19 @@ most probable surface without is too rigid. An effect is a factor on the whole s
       u P_1(x)/2    and    sum_k u_k P_k(x)/k²,    k = 2, 3, 4.
 
   Their means over the campaign are zero, so the surface is that of mid-campaign.
-- *Temperature*: theta (T - T_ref)/10 K, a straight line. T_ref is the mean of the runs, so that the
-  surface belongs to their temperature, or the temperature to which it is corrected. If the
-  temperature rises over the campaign, the runs cannot separate it from their order. A user who asks
-  for a correction states that temperature is the cause: the prior of the order is then small.
+- *Temperature*: theta (T - T_ref)/10 K. T_ref is the mean of the runs, or the temperature to which
+  is corrected: a user who asks for that states that temperature is the cause of what may as well be
+  the order, whose prior is then small.
 
 Two or three arcs determine the size of their differences poorly. It is the half-width of the
 interval that holds a difference with a probability of 68 %, over all sizes that the arcs leave
-possible: for arcs that differ by 0.02 to 3 %, intervals of 95 % then hold 71 to 100 % with two, 81
-to 99 % with three and 86 to 99 % with four; with the most probable size 65, 77 and 83 % at least.
+possible: for arcs that differ by 0.02 to 3 %, intervals of 95 % then hold at least 71, 81 and 86 %
+with two, three and four arcs (with the most probable size 65, 77 and 83 %).
 
-Errors that the runs share are no part of the estimate: the surface would follow what the runs seem
-to show of them, and every trace of a model error would be taken for an error of the bench, enlarged
-by what they do not show (three virtual belts: 0.23, 0.41 and 0.24 % of error in place of 0.07, 0.09
-and 0.06 %). They are in its uncertainty. What the runs say of them is found beside it, by the same
-model with the errors S e as one more term, e ~ N(0, 1).
+Errors that the runs share are no part of the estimate, or every trace of a model error would be
+taken for an error of the bench (three virtual belts: 0.23, 0.41 and 0.24 % of error in place of
+0.07, 0.09 and 0.06 %). They are in its uncertainty. What the runs say of them is found beside it,
+by the same model with the errors S e as one more term, e ~ N(0, 1).
 """
 
 from __future__ import annotations
@@ -64,24 +61,15 @@ from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 Array = NDArray[np.float64]
 
 FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
-SPEED_BEND = 0.1
-"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
+SPEED_BEND = 0.1  # standard deviation of the change of d ln mu / d ln v over one unit of ln v
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Splines of ln mu over ln f_N at common knots.
+    """Splines of ln mu over ln f_N at common knots."""
 
-    Parameters
-    ----------
-    log_force : ndarray, shape (k,)
-        Knots in ln f_N, f_N in [N/m].
-    log_speed : ndarray, shape (m,)
-        ln of the speeds, v in [m/s], increasing.
-    """
-
-    log_force: Array
-    log_speed: Array
+    log_force: Array  # knots, f_N in [N/m], (k,)
+    log_speed: Array  # of the speeds [m/s], increasing, (m,)
 
     @cached_property
     def _cardinal(self) -> CubicSpline:
@@ -141,13 +129,12 @@ def _unit(precision: Array) -> Array:
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
-BEFORE = {
+BEFORE = {  # priors of the standard deviation of ln mu
     ARC: Size(3.0e-3, 1.5, largest=0.3),
     ORDER: Size(1.0e-2, 1.5, largest=0.3),
     COURSE: Size(3.0e-3, 1.5, largest=0.3),
     TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
-"""Priors of the standard deviation of ln mu."""
 IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
 WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
@@ -159,8 +146,7 @@ class Effect:
     """Numbers that shift ln mu of the runs."""
 
     key: str  # name of the effect and of its source of uncertainty
-    columns: Array
-    """Change of ln mu of each run per unit of each number, by a factor on the surface, (n, K)."""
+    columns: Array  # change of ln mu of each run per unit of each number, (n, K)
     size: Size  # prior of the numbers' standard deviation, which the data determine
 
 
@@ -168,10 +154,9 @@ class Effect:
 class EstimatedEffect:
     """An effect as estimated from the data."""
 
-    effect: Effect  # the effect
+    effect: Effect
     values: Array  # its numbers, (K,)
-    explained: float
-    """Share of the effect that the surface can explain by force and speed of the runs [-]."""
+    explained: float  # share that the surface can explain by force and speed of the runs [-]
 
     @property
     def largest_usual(self) -> float:
@@ -188,13 +173,8 @@ class EstimatedEffect:
 def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
     """List the effects that the runs of a campaign can show, as factors on the surface.
 
-    Parameters
-    ----------
-    measured : Measured
-        The runs with arc, position in the campaign and temperature; an unknown temperature is set
-        to the mean of the others.
-    reference_degC : float or None
-        Temperature to which the surface is corrected [°C]; None means that of the runs.
+    An unknown temperature is set to the mean of the others. `reference_degC` is the temperature to
+    which the surface is corrected; None means that of the runs.
     """
     priors = BEFORE if reference_degC is None else {**BEFORE, **IF_CORRECTED}
     n = measured.mu.size
@@ -243,8 +223,7 @@ class LinearRuns:
     errors: Array  # standard errors of ln mu, (n,)
     response: Array  # sensitivity to a factor on the surface, (n,)
     effects: tuple[Effect, ...] = ()  # the effects, their columns as changes of ln mu of the runs
-    shared: Array | None = None
-    """Changes of ln mu by one standard uncertainty of each error that runs share, (n, K')."""
+    shared: Array | None = None  # changes by one u of each error that runs share, (n, K')
 
     def model(self) -> Mixed:
         """Build the mixed model; with the errors that runs share, if there are any."""
@@ -262,8 +241,7 @@ class LinearRuns:
     def choose(self, start: Sizes) -> Posterior:
         """Find sizes and posterior, from sizes chosen before or, without any, from several starts.
 
-        A run-in over a campaign sorted by arcs is explained by the order or by the arcs: the
-        evidence may have several maxima.
+        The evidence may have several maxima, as for a run-in over a campaign sorted by arcs.
         """
         found = self._best(start)
         sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}

@@ -91,9 +91,7 @@ def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 def _thinned_run(record: RunRecord, most: int) -> dict[str, np.ndarray]:
     """Return the thinned tensions of a run, as measured or derived on this rig."""
-    tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
-    if not kind.is_derived:  # otherwise already corrected
-        tight, slack = (c.tension(x) for c, x in zip(kind.cells, (tight, slack), strict=True))
+    tight, slack = record.tension_tight_N, record.tension_slack_N
     kept = _thinned(tight, most)
     return {
         "run": np.full(kept.size, record.result.run, dtype=object),

@@ -36,9 +36,7 @@ class DriveUncertainty:
     """Changes of the speed losses [rad/s] by one standard uncertainty of each input."""
 
     shared: Array  # change by each of the K sources, with its sign, (n_points, n_pulleys, K)
-    surface: Array
-    """Standard uncertainty by the friction surface; 0 if it has no covariance, (n_points,
-    n_pulleys)."""
+    surface: Array  # by the friction surface; 0 if it has no covariance, (n_points, n_pulleys)
     by_string: NDArray[np.bool_]
     """Points in full slip whose rods have no steady state with one of the errors; their changes
     come from the string model, (n_points,)."""
@@ -60,25 +58,10 @@ def drive_uncertainty(
     press: PressLaw,
     sources: Sequence[Source],
 ) -> DriveUncertainty:
-    """Compute the change of the speed losses by each input of a drive.
+    """Compute the change of the speed losses by each input of a drive; nan without a steady state.
 
-    Parameters
-    ----------
-    drive : Drive
-        The drive with the best values of its inputs; a surface with a covariance adds its own part.
-    points : sequence of DrivePoint
-        Operating points.
-    results : sequence of DriveResult
-        Their results, by string or rod.
-    press : PressLaw
-        The contact law of the drive and its fit to the press.
-    sources : sequence of Source
-        Errors of :func:`beltid.uncertainty.sources.drive_sources`.
-
-    Returns
-    -------
-    DriveUncertainty
-        nan where a point has no steady state.
+    `results` are those of the points by string or rod, `press` the contact law of the drive and its
+    fit to the press, `sources` those of `drive_sources`. A surface with a covariance adds its part.
     """
     by_string = np.zeros(len(points), dtype=bool)
     string_results = _solved(drive, points, "string", [None] * len(points))
@@ -131,18 +114,8 @@ def change_by_slower_friction(
     """Compute the uncertainty of the losses from friction below the measured speeds [rad/s].
 
     Two limits bound a uniform distribution, (D14): friction stays as at the slowest measured speed,
-    or continues with its whole trend.
-
-    Parameters
-    ----------
-    drive, points, results
-        As in :func:`drive_uncertainty`.
-
-    Returns
-    -------
-    ndarray, shape (n_points, n_pulleys)
-        Standard uncertainty with the sign of the change from the first to the second limit; nan
-        where neither rod nor string has a steady state at a limit.
+    or continues with its whole trend. With the sign of the change from the first to the second
+    limit, (n_points, n_pulleys); nan where neither rod nor string has a steady state at a limit.
     """
     limits = [replace(drive, slow_trend=share) for share in (0.0, 1.0)]
     change = np.full((len(points), len(drive.pulleys)), np.nan)
@@ -167,26 +140,12 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
     The ribs of a string seat at once, those of a rod over some length, on which they slip: the
     error grows with the seating part S of the loss L, and in full slip with its slip part X. It is
     ``u = hypot(0.14 sqrt(|S L|), X)``, relative to the speed and for the pulley where it is
-    largest. S/L contains the radius, the span forces and the stiffness of the bed.
+    largest; 0 for the driver, (n_points, n_pulleys).
 
-    Parameters
-    ----------
-    results : sequence of DriveResult
-        Results by string.
-
-    Returns
-    -------
-    ndarray, shape (n_points, n_pulleys)
-        nan without a steady state, 0 for the driver.
-
-    Notes
-    -----
-    The factors come from random drives of two pulleys at fixed centres (radii of 25 to 90 mm, EI
-    0.005 to 0.05 N m², EA 50 to 200 kN, beds half to twice as stiff as 5PK, mu 0.5 to 1.5, 100 to
-    800 N). Short of full slip (1044 drives) rods lose 22 % less to 18 % more than strings; the
-    difference is 0.97 u (root mean square) and at most 1.96 u, and its size hardly depends on EI.
-    In full slip rods slip less in a loop that bends (120 drives: 0.80 u, all within 2 u), and more
-    with a given slack force (58 drives: nine tenths within 2 u).
+    The factors come from random drives of two pulleys at fixed centres: short of full slip (1044
+    drives) rods lose 22 % less to 18 % more than strings, 0.97 u RMS and at most 1.96 u. In full
+    slip they slip less in a loop that bends (120 drives: 0.80 u, all within 2 u), and more with a
+    given slack force (58 drives: nine tenths within 2 u).
     """
     rows = []
     for result in results:

@@ -66,12 +66,10 @@ POINTS = 200
 class PressLaw:
     """A contact law with covariance and range of its fit."""
 
-    law: NormalLaw  # the law
-    covariance: Array
-    """Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known, (2,
-    2)."""
-    max_penetration_m: float  # deepest penetration of the fit [m]
-    segment_length_m: float  # length of belt under the press [m]
+    law: NormalLaw
+    covariance: Array  # of (k_linear, k_quadratic) by the scatter of the press; or zero, (2, 2)
+    max_penetration_m: float  # deepest penetration of the fit
+    segment_length_m: float  # length of belt under the press
 
     @property
     def has_scatter(self) -> bool:
@@ -125,22 +123,17 @@ class Measured:
     mu: Array  # sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-]
     mu_se: Array
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Change of ln mu of each run per unit of a shared error, for errors to which each run has its
-    own sensitivity: key of the source -> a column per place, (n, places)."""
-    order: NDArray[np.intp] | None = None
-    """Position of each run in the campaign; by default the order here."""
-    temperature_degC: Array | None = None
-    """Temperature of each run while sliding [°C], nan if unknown; by default all unknown."""
-    kind: RigKind = TWO_CELLS
-    """What the rig measures; determines which errors the tensions can have."""
-    given_force: GivenForce = "none"
-    """Force that stays constant while the pulley turns, see :class:`beltid.params.Rig`."""
-    momentum: Array | float = 0.0
-    """Momentum flux m v² of a running belt in the measured tensions [N]; already subtracted from
-    all tensions here."""
+    """Change of ln mu of each run per unit of a shared error to which each run has its own
+    sensitivity: key of the source -> a column per place, (n, places)."""
+    order: NDArray[np.intp] | None = None  # of each run in the campaign; by default as here
+    temperature_degC: Array | None = None  # of each run while sliding, nan if unknown
+    kind: RigKind = TWO_CELLS  # what the rig measures: which errors the tensions can have
+    given_force: GivenForce = "none"  # what stays constant, see :class:`beltid.params.Rig`
+    momentum: Array | float = (
+        0.0  # m v² of a running belt, already subtracted from all tensions [N]
+    )
     torque_with_tight: NDArray[np.bool_] | None = None
-    """Whether the tension measured together with a torque is the tight one; by default as `kind`
-    states."""
+    """Whether the tension measured with a torque is the tight one; by default as `kind` states."""
 
     @property
     def arcs_deg(self) -> Array:
@@ -167,10 +160,7 @@ class Measured:
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
 
-        Raises
-        ------
-        InputError
-            If an error is as large as the value itself.
+        Raises `InputError` if an error is as large as the value itself.
         """
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
@@ -276,26 +266,11 @@ def measured_runs(
     kind: RigKind = TWO_CELLS,
     given_force: GivenForce = "none",
 ) -> Measured:
-    """Read rows of a friction table; tensions by force and coefficient, Eqs. (5) and (8).
+    """Read valid rows of a friction table; tensions by force and coefficient, Eqs. (5) and (8).
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Columns of a friction table.
-    rows : ndarray of int
-        The rows to take, valid ones.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    given_force : {"none", "tight", "slack", "hub"}
-        Force that stays constant while the pulley turns.
-
-    Returns
-    -------
-    Measured
-        A missing standard error is the median of the others, or zero if none is known; errors that
-        the runs share are not in it but in `columns`.
+    R [m] is the radius of the belt's centreline on the pulley. A missing standard error is the
+    median of the others, or zero if none is known; errors that the runs share are not in it but in
+    the `columns` of the result.
     """
     arc_deg, f, v, mu = (np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE)
     own = own_errors(columns)
@@ -399,13 +374,6 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
     return np.asarray(np.log(other.mu / nominal.mu) - along)
 
 
-def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source]) -> Array:
-    """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
-    return changes_by(
-        sources, lambda e: changes_at_nodes(nominal, published_grid(measured.corrected(e)))
-    )
-
-
 def published_uncertainty(
     measured: Measured, nominal: SurfaceGrid, given: StandardUncertainties
 ) -> SurfaceUncertainty:
@@ -414,7 +382,9 @@ def published_uncertainty(
     return SurfaceUncertainty(
         surface=nominal.to_surface(),
         sources=sources,
-        changes=published_changes(measured, nominal, sources),
+        changes=changes_by(
+            sources, lambda e: changes_at_nodes(nominal, published_grid(measured.corrected(e)))
+        ),
         scatter=nominal.scatter,
         arcs_deg=measured.arcs_deg,
     )
@@ -438,22 +408,8 @@ def friction_uncertainty(
 ) -> Found:
     """Compute the combined uncertainties of the runs of a friction rig, and their budget.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Columns of the friction table.
-    given : StandardUncertainties
-        Standard uncertainties of the bench.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-
-    Returns
-    -------
-    columns, budget
-        ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be used; one row
-        per quantity and source.
+    Returns columns ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be
+    used, and one row per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
     u_mu, u_force = np.full((2, len(columns["status"])), np.nan)
@@ -478,19 +434,8 @@ def stiffness_uncertainty(
 ) -> Found:
     """Compute the uncertainties of normal contact laws, and the budget of the last (pooled) one.
 
-    Parameters
-    ----------
-    laws : sequence of LawEstimate
-        The laws.
-    given : StandardUncertainties
-        Standard uncertainties of the press.
-    segment_length_m : float
-        Length of belt under the press [m].
-
-    Returns
-    -------
-    columns, budget
-        ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``; one row per coefficient and source.
+    Returns columns ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``, and one row per coefficient and
+    source.
     """
     sources = press_sources(given)
     u = np.zeros((len(laws), 2))

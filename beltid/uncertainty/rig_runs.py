@@ -30,8 +30,7 @@ Array = NDArray[np.float64]
 
 INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""
-STEP: Final = 2.0e-3
-"""Relative step of the differences by the inputs; their error is of its order."""
+STEP: Final = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
 MESH: Final = 2.0
 """Ratio of elements to the default: where contact points come and go, derivatives scatter more than
 values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
@@ -93,29 +92,17 @@ class Sliding:
 
     tight: float  # tensions [N]
     slack: float
-    mu: float
-    """Coefficient by Eq. (6) [-]."""
-    force: Array
-    """Line forces at which the belt looks up its friction [N/m], and the normal loads on which this
-    friction acts [N], (m,)."""
-    load: Array
+    mu: float  # by Eq. (6)
+    force: Array  # line forces at which the belt looks up its friction [N/m], (m,)
+    load: Array  # normal loads on which this friction acts [N], (m,)
     weight: Array  # derivatives of ln mu with respect to ln mu of each look-up, (m,)
 
 
 class RigRuns:
-    """Runs with the belt laid on once, ready to slide with many surfaces.
+    """Runs at n points with the belt laid on once, ready to slide with many surfaces.
 
-    Parameters
-    ----------
-    bench : Bench
-        Belt, rig, normal law.
-    points : sequence of OperatingPoint
-        Settings of the n runs.
-    speeds : ndarray, shape (m,)
-        Speed settings [m/s], increasing; each run belongs to the nearest one.
-    meshes : sequence of int or RigModel
-        Number of belt elements of each run, even (:func:`mesh_of`), or the model of the same run on
-        a bench that differs a little, to take its mesh.
+    Each run belongs to the nearest of the speeds (m,) [m/s], increasing. Its mesh is a number of
+    belt elements (:func:`mesh_of`), or that of its model on a bench that differs a little.
     """
 
     def __init__(
@@ -140,10 +127,7 @@ class RigRuns:
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed, with derivatives by the friction.
 
-        Raises
-        ------
-        ConvergenceError
-            If a run has no sliding state.
+        Raises `ConvergenceError` if a run has no sliding state.
         """
         runs = []
         for model, state, surface in self._states(surfaces):
@@ -184,16 +168,8 @@ def input_slopes(
 ) -> Array:
     """Compute derivatives of the simulated ln mu of each run by the ln of each input (n, 8).
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Runs and bench; all simulations have the mesh of its runs.
-    surfaces : sequence of FrictionSurface
-        The surface at each speed.
-    speeds : ndarray, shape (m,)
-        Speed settings [m/s].
-    speed_slope : ndarray, shape (n,)
-        Derivative of ln mu of each run by ln v.
+    `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
+    of each run by ln v (n,).
     """
     points = campaign.measured.points
     rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
@@ -211,16 +187,9 @@ def input_slopes(
 def residual_changes(
     campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
 ) -> Array:
-    """Compute the change of measured minus simulated ln mu by each source (n, K).
+    """Compute the change of measured minus simulated ln mu by one u of each source (n, K).
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Runs and bench.
-    sources : sequence of Source
-        The errors that are corrected, each by its standard uncertainty.
-    slopes, speed_slope : ndarray, shape (n, 8), (n,)
-        Derivatives of the simulated ln mu, see :func:`input_slopes`.
+    With the derivatives of the simulated ln mu of :func:`input_slopes`, (n, 8) and (n,).
     """
     before, inputs = campaign.measured, campaign.log_inputs()
 

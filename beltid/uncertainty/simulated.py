@@ -1,22 +1,16 @@
 """Uncertainty of simulated runs, and of their difference from measured ones (ASME V&V 20).
 
-An error of the bench acts on a comparison in two ways: on the measured values, and on the inputs of
-the simulation (the surface built from the same bench; arc, tension, radius, stiffnesses). Both
-change together: an arc error changes the measured coefficient and a surface built from it alike,
-and cancels in their difference. Therefore the changes of the simulated ln mu and of the difference
-are kept by source, with their signs.
-
-The comparison error E = S - D of simulation and experiment says something about the model only
-beyond
+An error of the bench acts on the measured values and on the inputs of the simulation (the surface
+built from the same bench; arc, tension, radius, stiffnesses), and may cancel in their difference.
+Therefore the changes of the simulated ln mu and of the difference are kept by source, with their
+signs. The comparison error of simulation and experiment says something about the model only beyond
 
     u_val² = u_num² + u_input² + u_D²
 
-(ASME V&V 20-2009, Eq. 1-5-9). If inputs and data share errors, their squares must not be added
-separately; each shared error enters with its total change of E (section 5-3 there), as done here.
-The scatter behind the surface is added as if it were independent of the scatter of the run. If the
-surface was built from the same runs, this is conservative by the few percent that one run weighs in
-it. If the bench missed a setting and the simulation used the nominal one, that is a known error
-without correction: it counts in full.
+(ASME V&V 20-2009, Eq. 1-5-9), where each error that inputs and data share enters with its total
+change (section 5-3 there). The scatter behind the surface is added as if it were independent of
+that of the run, which is conservative by the few percent that one run weighs in it. A setting that
+the bench missed and the simulation did not is a known error without correction: it counts in full.
 """
 
 from __future__ import annotations
@@ -58,8 +52,7 @@ DIGITS: Final = 5
 MESH_SHARE: Final = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-FINER_MESH: Final = 2.0
-"""Ratio of elements in the finer mesh that shows the mesh error."""
+FINER_MESH: Final = 2.0  # ratio of elements in the finer mesh that shows the mesh error
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,25 +61,21 @@ class RunsUncertainty:
 
     sources: tuple[Source, ...]  # shared errors
     runs: tuple[str, ...]  # labels of the runs
-    simulated: Array
-    """Change of the simulated coefficient by one standard uncertainty of each source, (n, K)."""
-    difference: Array  # change of simulated minus measured coefficient, (n, K)
+    simulated: Array  # change of ln mu by one standard uncertainty of each source, (n, K)
+    difference: Array  # the same less that of the measured ln mu, (n, K)
     scatter: Array  # standard uncertainty by the scatter behind the surface, (n,)
     numerical: Array  # by mesh and time steps, (n,)
     by_setting: Array
     """Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
     misses, (n, 2)."""
-    mu: Array = field(default_factory=lambda: np.zeros(0))
-    """Simulated coefficient in the sliding limit [-], (n,)."""
+    mu: Array = field(default_factory=lambda: np.zeros(0))  # in the sliding limit, (n,)
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Join the uncertainties of groups of runs with the same sources."""
-        every = {
-            name: np.concatenate([getattr(p, name) for p in parts]) for name in (*ARRAYS, "mu")
-        }
-        runs = tuple(label for part in parts for label in part.runs)
-        return cls(sources=parts[0].sources, runs=runs, **every)
+        names = (*ARRAYS, "mu")
+        every = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+        return cls(parts[0].sources, tuple(label for p in parts for label in p.runs), **every)
 
     def extra(self) -> dict[str, Any]:
         """Return it as JSON data."""
@@ -130,25 +119,18 @@ def simulated_uncertainty(
 
     Parameters
     ----------
-    bench : Bench
-        The bench; only a surface with a covariance contributes its shared errors.
-    press : PressLaw
-        Its contact law with the fit to the press.
-    points : sequence of OperatingPoint
-        The runs.
-    arc : ndarray of int, shape (n,)
-        Number of the arc setting of each run, as in the sources.
+    bench, press, kind
+        The bench, its contact law with the fit to the press, and what it measures; only a surface
+        with a covariance contributes its shared errors.
+    points, labels, arc
+        The runs, their labels, and the number of the arc setting of each, as in the sources (n,).
     sources : sequence of Source
         Errors; the first ones belong to the columns of the surface's factor.
     elements : int, optional
         Belt elements; by default as in the simulation.
-    kind : RigKind
-        What the simulated bench measures.
     same_bench : bool
         Whether the surface and the measured runs are of this bench and at these settings: its
         inputs are then without error, and no source may be one of the bench.
-    labels : sequence of str
-        Labels of the runs.
     found : ndarray, shape (n,), optional
         Coefficients of the simulated recordings [-]; by default those of the sliding limit.
 
@@ -229,9 +211,9 @@ class Validation:
     """Relative standard uncertainties of compared runs, arrays (n,)."""
 
     measured: Array  # of the measured coefficient: shared errors and scatter
-    measured_scatter: Array  # of the measured coefficient: scatter only
+    measured_scatter: Array  # scatter only
     simulated_scatter: Array  # of the simulated coefficient by scatter
-    numerical: Array  # of the simulated coefficient by mesh and time steps
+    numerical: Array  # by mesh and time steps
     settings: Array  # change of the coefficient by the settings that the bench missed
     simulated: Array  # changes of the simulated coefficient by each shared source, (n, K)
     difference: Array  # changes of the difference by each shared source, (n, K)
@@ -301,21 +283,9 @@ def validated(
     simulated: Mapping[str, np.ndarray],
     uncertainty: RunsUncertainty | None,
 ) -> tuple[AgreementResult, Validation]:
-    """Compute the uncertainties of the differences of a comparison.
+    """Return a comparison with the uncertainties ``u_validation`` of its differences, and parts.
 
-    Parameters
-    ----------
-    result : AgreementResult
-        The comparison.
-    measured, simulated : mapping of str to ndarray
-        Tables of reduced runs, measured and simulated.
-    uncertainty : RunsUncertainty or None
-        Uncertainty of the simulated runs; None if unknown.
-
-    Returns
-    -------
-    result, validation
-        The comparison with ``u_validation``, and its parts.
+    From the tables of reduced runs, and the uncertainty of the simulated ones if it is known.
     """
     of_measured, of_simulated = result.rows
     mu = result.mu_measured
@@ -372,12 +342,7 @@ def validated(
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the largest contributions, in words."""
-    parts = [
-        row
-        for row in rows
-        if row["source"] != "combined" and (row["contribution_percent"] or 0.0) > 0.0
-    ]
-    parts.sort(key=lambda row: -row["contribution_percent"])
-    return ", ".join(
-        f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN]
-    )
+    parts = {row["source"]: row["contribution_percent"] or 0.0 for row in rows}
+    parts.pop("combined", None)
+    largest = sorted(((x, name) for name, x in parts.items() if x > 0.0), key=lambda part: -part[0])
+    return ", ".join(f"{name} {x:.2g} %" for x, name in largest[:SHOWN])

@@ -2,17 +2,13 @@
 
 A source is one number that is wrong by an unknown amount *for all runs that share it*: the
 calibration of the cells for all runs, the setting of an arc for the runs at that arc, the law of
-the press for the whole surface. Many runs do not average such an error out. Noise of the samples,
-which differs from run to run, is not a source here; it is in the standard error of each run. The
-sensitivity to an error may still differ from run to run; it belongs to the run, not to the source
-(:class:`beltid.uncertainty.measured.Measured`).
+the press for the whole surface. Many runs do not average it out. Noise of the samples is no source;
+it is in the standard error of each run. Sign: an error is the true value minus the value used,
+relative to it or in its unit.
 
-Sign: an error is the true value minus the value used, relative to it or in its unit.
-
-A budget names, compares and combines every contribution (JCGM 100). A result may have several
-values (the runs of a campaign, the nodes of a surface). A contribution is stated by its root mean
-square over them and by its largest value, relative to the result. The combined uncertainty is the
-root of the sum of squares at each value.
+A budget names, compares and combines every contribution (JCGM 100): by its root mean square over
+the values of a result (runs, nodes) and by its largest one, relative to the result. The combined
+uncertainty is the root of the sum of squares at each value.
 """
 
 from __future__ import annotations
@@ -43,19 +39,15 @@ ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"
 
 
 class Kind(NamedTuple):
-    """A kind of error that a user can state.
+    """A kind of error that a user can state."""
 
-    `error` is its key in the section ``uncertainty`` of a config without the unit; `unit` the unit
-    for display and its size in SI; `places` how many such errors there are, a number or what they
-    are counted by; `results` what they change: the runs by Eqs. (6) to (8), the direction of bent
-    spans, the simulated rig, the contact law, a drive.
-    """
-
-    error: str
+    error: str  # its key in the section ``uncertainty`` of a config, without the unit
     name: str
-    unit: tuple[str, float]
-    places: int | str
+    unit: tuple[str, float]  # for display, and its size in SI
+    places: int | str  # how many such errors there are, a number or what they are counted by
     results: tuple[str, ...]
+    """What they change: the runs by Eqs. (6) to (8), the direction of bent spans, the simulated
+    rig, the contact law, a drive."""
 
 
 KINDS: Final = (
@@ -104,18 +96,11 @@ EFFECT_SOURCES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class StandardUncertainties:
-    """Standard uncertainties (k = 1) of the calibrations and settings of the benches.
-
-    Parameters
-    ----------
-    sizes : mapping of str to float
-        Size by the key of a kind, as a share or in SI units, >= 0; zero for those left out.
-    stated : frozenset of str
-        Keys that the user stated; the others are assumed.
-    """
+    """Standard uncertainties (k = 1) of the calibrations and settings of the benches."""
 
     sizes: Mapping[str, float] = field(default_factory=dict)
-    stated: frozenset[str] = frozenset()
+    """Size by the key of a kind, as a share or in SI units, >= 0; zero for those left out."""
+    stated: frozenset[str] = frozenset()  # keys that the user stated; the others are assumed
 
     def __getitem__(self, error: str) -> float:
         return self.sizes.get(error, 0.0)
@@ -158,19 +143,10 @@ class Errors:
 
 
 def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> Array:
-    """Compute the change of a result by one standard uncertainty of each source.
+    """Compute the change of a result (...) by one standard uncertainty of each source (..., K).
 
-    Parameters
-    ----------
-    sources : sequence of Source
-        The K errors.
-    result : callable
-        The result (...) with errors corrected.
-
-    Returns
-    -------
-    ndarray, shape (..., K)
-        With its sign: correlations follow from products of the columns.
+    `result` returns it with errors corrected. With their signs: correlations follow from products
+    of the columns.
     """
     nominal = np.asarray(result(Errors()))
     columns = [result(Errors.single(source)) - nominal for source in sources]
@@ -178,18 +154,14 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
-    """Return the sources of the friction rig in Eqs. (6) to (8), without those of zero size.
-
-    `bent` states whether the measured force depends on bending of the spans, as a hub force does.
-    """
+    """Return the sources of the friction rig in Eqs. (6) to (8); of `bent` spans, too."""
     return (*_stated(u, RIG, {ARCS: n_arcs}), *(_stated(u, SPANS, {}) if bent else ()))
 
 
 def press_sources(u: StandardUncertainties, law_scatter: bool = False) -> tuple[Source, ...]:
-    """Return the sources of the contact law.
+    """Return the sources of the contact law, with its scatter if the covariance is known.
 
-    `law_scatter` states whether the covariance of its two coefficients is known. All runs use the
-    same law, so its scatter is an error that they share.
+    All runs use the same law, so its scatter is an error that they share.
     """
     words = "contact law, scatter of the press"
     return (*(Source(words, "law", k) for k in range(2 * law_scatter)), *_stated(u, PRESS, {}))
@@ -214,13 +186,10 @@ def drive_sources(
 
 
 BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
-"""Source for friction interpolated to a speed that was left out, of unit size."""
 BENDING: Final = Source("string without bending stiffness", "without_bending")
-"""Source for the bending stiffness that a string has not, of unit size."""
 SLOWER: Final = Source(
     "friction slower than the slowest measured sliding", "slower_friction", basis=ASSUMED
 )
-"""Source for friction at sliding speeds below those measured, of unit size."""
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
@@ -276,25 +245,16 @@ class Scatter:
 def budget(
     quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
 ) -> list[dict[str, Any]]:
-    """Return the rows of a budget, with the combined standard uncertainty last.
+    """Return the rows of the budget of a quantity, with the combined standard uncertainty last.
 
     Parameters
     ----------
-    quantity : str
-        The result whose budget it is.
     sources : sequence of Source
         Errors that act on all values together; those of one name are one row.
     changes : ndarray, shape (n, K)
         Relative change of the n values by one standard uncertainty of each source [-].
     *scatter : Scatter
         Other contributions, independent of each other; at least one.
-
-    Returns
-    -------
-    list of dict
-        quantity, source, acts_on, basis (stated, assumed or fitted), standard_uncertainty, unit,
-        contribution_percent, largest_percent, share_percent (of the combined variance),
-        degrees_of_freedom.
     """
     total = np.square(combined(changes, np.zeros(scatter[0].relative.size)))
     total = total + sum(np.square(part.relative) for part in scatter)
@@ -315,34 +275,25 @@ def budget(
             "degrees_of_freedom": None,
         } | known
 
-    first = {source.name: source for source in reversed(sources)}
     shared = []
     for name in dict.fromkeys(source.name for source in sources):
         columns = [k for k, source in enumerate(sources) if source.name == name]
-        known: dict[str, Any] = {"basis": first[name].basis}
-        if first[name].basis != FITTED:
-            known |= {"standard_uncertainty": first[name].shown, "unit": first[name].unit}
-        part = np.sum(np.square(changes[:, columns]), axis=1)
-        shared.append(row(name, "all together", part, **known))
+        first = sources[columns[0]]
+        known: dict[str, Any] = {"basis": first.basis}
+        if first.basis != FITTED:
+            known |= {"standard_uncertainty": first.shown, "unit": first.unit}
+        squares = np.sum(np.square(changes[:, columns]), axis=1)
+        shared.append(row(name, "all together", squares, **known))
     shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
     shared.sort(key=lambda entry: -entry["contribution_percent"])
-    each = [
-        row(
-            part.name,
-            "each run",
-            np.square(part.relative),
-            basis=FITTED,
-            degrees_of_freedom=part.degrees_of_freedom,
-        )
-        for part in scatter
-        if np.any(part.relative)
-    ]
-    # by Welch and Satterthwaite: a stated standard uncertainty counts as exact
-    reciprocal = sum(
-        float(np.mean(np.square(part.relative))) ** 2 / part.degrees_of_freedom
-        for part in scatter
-        if part.degrees_of_freedom is not None
-    )
+    each, reciprocal = [], 0.0
+    for part in scatter:
+        squares, freedom = np.square(part.relative), part.degrees_of_freedom
+        if np.any(squares):
+            known = {"basis": FITTED, "degrees_of_freedom": freedom}
+            each.append(row(part.name, "each run", squares, **known))
+        # by Welch and Satterthwaite: a stated standard uncertainty counts as exact
+        reciprocal += float(np.mean(squares)) ** 2 / freedom if freedom else 0.0
     freedom = whole**2 / reciprocal if reciprocal > 0.0 else None
     return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=freedom)]
 
@@ -389,10 +340,7 @@ class SurfaceUncertainty:
         return np.concatenate([self.changes, self.scatter], axis=-1)
 
     def columns(self, n_rows: int) -> dict[str, Any]:
-        """Return ``mu_u`` and ``mu_factor`` of a surface table of `n_rows` rows.
-
-        The nodes come first, force by force; the other rows are empty.
-        """
+        """Return ``mu_u`` and ``mu_factor`` of a table; the nodes are its first rows."""
         mu = self.surface.mu_nodes
         rows = self.factor.reshape(mu.size, -1)
         u = np.full(n_rows, np.nan)

@@ -154,10 +154,9 @@ def test_errors_fall_with_the_noise_and_are_as_stated():
     errors = []
     for noise in (3.0, 0.1):
         records, level = several(6, noise)
-        found = fit_bench(records).levels
-        error = np.array([run.y - level for run in found])
-        shared = [np.hypot(run.shared_tail, run.shared_drift) for run in found]
-        se = np.sqrt([run.variance for run in found] + np.square(shared))
+        found = fit_bench(records)
+        error = found.posterior.level - level
+        se = np.sqrt(found.posterior.level_variance + np.sum(found.shared**2, axis=1))
         assert np.all(np.abs(error) < 2.5 * se)
         errors.append(np.sqrt(np.mean(error**2)) / level)
     assert errors[0] < 4e-3
@@ -166,12 +165,12 @@ def test_errors_fall_with_the_noise_and_are_as_stated():
 
 def test_the_tail_of_the_model_is_that_of_the_runs():
     records, level = several(6, 0.1)
-    run = fit_bench(records).levels[0]
+    found = fit_bench(records)
     x = np.array([0.006, 0.01, 0.03])
     true = level * (0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
     # travel counts from the end of the build-up, a ninth further than its nine tenths
     shift = 0.01 * 0.02 * 9 / 0.9
     for at, tail in zip(x - shift, true, strict=True):
-        z, error = run.at(float(at))
+        z, error = found.at(0, float(at))
         assert abs(z - level - tail) < 3.0 * error
         assert error < 3e-3

@@ -167,11 +167,6 @@ def test_gaps_spikes_and_useless_runs_are_kept_apart():
     assert {p.status for p in points.values()} == {"ok"}
     assert points["S08"].slip_speed_m_s == pytest.approx(0.05 * 0.08, abs=1.5e-4)
     assert points["S09"].n_samples == 15
-    with pytest.raises(InputError) as error:
-        fit_slip({"run": np.array(["a"])}, -1.0)
-    assert len(error.value.problems) == 5
-    with pytest.raises(InputError, match="at least 1"):
-        fit_slip({k: v[:0] for k, v in columns.items()}, 0.05)
     with pytest.raises(InputError, match="run S00: fewer than 3"):
         fit_slip({k: v[:2] for k, v in columns.items()}, 0.05)
 

@@ -158,9 +158,6 @@ def test_tables_and_points_without_a_surface_are_refused() -> None:
     ):
         with pytest.raises(InputError):
             build_surface(*points)
-    with pytest.raises(InputError) as error:
-        build_surface([40.0, 68.0], [1000.0], [], [1.0], [])
-    assert [p.split(":")[0] for p in error.value.problems] == ["arc_deg", "slip_speed_m_s", "mu_se"]
 
 
 def scattered(n: int, noise: float, seed: int, rise: float = 0.0) -> dict[str, Array]:

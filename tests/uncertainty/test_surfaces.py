@@ -9,7 +9,7 @@ import pytest
 from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
-from beltid.uncertainty.measured import changes_at_nodes, published_changes, published_grid
+from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
 from beltid.uncertainty.rig_runs import (
     INPUTS,
     MESH,
@@ -18,7 +18,7 @@ from beltid.uncertainty.rig_runs import (
     mesh_of,
     residual_changes,
 )
-from beltid.uncertainty.sources import Errors, all_sources, reduction_sources, rig_sources
+from beltid.uncertainty.sources import Errors, all_sources, reduction_sources
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +90,8 @@ def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
 def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     measured = nominal.campaign.measured
     grid = published_grid(measured)
-    sources = rig_sources(GIVEN, 2)
-    changes = published_changes(measured, grid, sources)
+    found = published_uncertainty(measured, grid, GIVEN)
+    sources, changes = found.sources, found.changes
     both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
     # a gain of both cells moves the forces alone: mu changes by the slope along the force
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)

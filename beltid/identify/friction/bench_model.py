@@ -31,26 +31,20 @@ Array = NDArray[np.float64]
 
 MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 """Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""
-LENGTHS_M = np.geomspace(3e-4, 0.3, 20)
-"""Lengths l_k of the exponentials of a tail."""
-FREE = 0.1
-"""Standard deviation of ripples and of the rest of the build-up, in z: practically free."""
-POWER = 0.4
-"""Standard deviation of the powers of the settings in the length of the tail."""
+LENGTHS_M = np.geomspace(3e-4, 0.3, 20)  # lengths l_k of the exponentials of a tail
+FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in z: practically free
+POWER = 0.4  # standard deviation of the powers of the settings in the length of the tail
 SLOW = 3.0
 """Error of a mean by the noise at rest, over that while sliding, beyond which the noise is slow."""
-RUNS = 32
-"""Evenly chosen runs that determine the sizes; more would add nothing."""
-FREEDOM = 20.0
-"""Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
+RUNS = 32  # evenly chosen runs that determine the sizes; more would add nothing
+FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run to that of its bench
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
 RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
 """The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
 RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 """The same of a belt that relaxes at rest, in both spans alike [1/s]."""
-DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
-"""The same of a drift of mu over a run, relative."""
+DRIFT = ((3e-4, 0.98), (3e-2, 0.02))  # the same of a drift of mu over a run, relative
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
 SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
@@ -58,20 +52,10 @@ SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
-    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes.
+    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes, (k, m, m).
 
-    Parameters
-    ----------
-    first, last : ndarray, shape (m,)
-        Times of the first and last sample of each block [s], in order.
-    count : ndarray, shape (m,)
-        Number of evenly spaced samples of each block.
-    tau : ndarray, shape (k,)
-        Correlation times [s].
-
-    Returns
-    -------
-    ndarray, shape (k, m, m)
+    Times of the first and the last of evenly spaced samples [s], in order, and their number, for
+    each of m blocks; k correlation times [s].
     """
     memory = np.asarray(tau, dtype=float)[:, None]
     step = np.where(count > 1, (last - first) / np.maximum(count - 1, 1), 1.0) / memory
@@ -110,12 +94,8 @@ class Bench:
         self.turn, self.rest = np.zeros((2, R, m, 2))
         middle_level = np.median(self.level)
         for i, r in enumerate(records):
-            b, c, rest, unit = (
-                slice(2, r.z.size + 2),
-                r.sensitivity,
-                r.rest,
-                r.level / r.sensitivity,
-            )
+            b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
+            unit = r.level / c
             mid = 0.5 * (r.first_s + r.last_s)
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
@@ -197,53 +177,17 @@ class Bench:
 
 
 @dataclass(frozen=True, eq=False)
-class RunLevel:
-    """Level of a run and its uncertainty; all in units of z."""
-
-    y: float  # level ln(T_tight/T_slack) after the tail has decayed
-    variance: float  # variance of `y` that is independent between runs
-    shared_tail: float
-    """Standard deviations of `y` by errors that all runs share, with their common sign."""
-    shared_drift: float
-    misfit: float
-    """Ratio of the noise of the run about the model to that of the bench, standard deviations."""
-    drift: float  # visible change by wandering zeros and drift of the friction over the sliding
-    fit: BenchFit  # the bench
-    k: int  # number of the run
-
-    def tail(self, travel: Array) -> Array:
-        """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
-        own = self.fit.exponentials(self.k, travel)[1]
-        return np.asarray(own[:, 0] + own @ self.fit.own[0][self.k])
-
-    def at(self, travel: float) -> tuple[float, float]:
-        """Return z of the model and its error at a travel since the end of the build-up [m]."""
-        fit, k = self.fit, self.k
-        columns, (h,) = fit.exponentials(k, np.array([travel]))
-        _, covariance, lean = (part[k] for part in fit.own)
-        variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
-        # an error of what all runs share moves level and tail together
-        place = fit.posterior.model.places["tail"]
-        change = -fit.posterior.level_shift[k]
-        change[place] += columns[0]
-        common = float(change @ fit.posterior.covariance @ change)
-        return self.y + float(self.tail(np.array([travel]))[0]), np.sqrt(
-            max(variance, 0.0) + common
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class BenchFit:
-    """What all runs of a bench share."""
+    """The runs of a bench and what they share; z of run k after its tail is `posterior.level`."""
 
-    bench: Bench  # the runs
-    posterior: Posterior  # of their model
-    powers: Array  # powers of the settings in the length of the tail; spectrum
-    A: Array
+    bench: Bench
+    posterior: Posterior
+    powers: Array  # of the settings in the length of the tail
+    A: Array  # spectrum
     scale: Array  # noise variance of each run over that of the bench, (R,)
     converged: bool  # whether the search for the sizes ended
 
-    def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
+    def _exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
         length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
         u = travel[:, None] / length
@@ -251,7 +195,7 @@ class BenchFit:
         return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
 
     @cached_property
-    def own(self) -> tuple[Array, Array, Array]:
+    def _own(self) -> tuple[Array, Array, Array]:
         """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
         p, bench = self.posterior, self.bench
         columns, slopes = bench.tail(self.powers)
@@ -263,11 +207,27 @@ class BenchFit:
         lean = np.einsum("ri,rij->rj", p.level_weights, Z) @ S
         return mean, covariance * self.scale[:, None, None], lean * self.scale[:, None]
 
+    def tail(self, k: int, travel: Array) -> Array:
+        """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
+        own = self._exponentials(k, travel)[1]
+        return np.asarray(own[:, 0] + own @ self._own[0][k])
+
+    def at(self, k: int, travel: float) -> tuple[float, float]:
+        """Return z of the model of run k and its error at such a travel [m]."""
+        p, (columns, (h,)) = self.posterior, self._exponentials(k, np.array([travel]))
+        mean, covariance, lean = (part[k] for part in self._own)
+        variance = p.level_variance[k] - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        # an error of what all runs share moves level and tail together
+        change = -p.level_shift[k]
+        change[p.model.places["tail"]] += columns[0]
+        common = float(change @ p.covariance @ change)
+        z = float(p.level[k] + h[0] + h @ mean)
+        return z, float(np.sqrt(max(variance, 0.0) + common))
+
     @property
-    def levels(self) -> list[RunLevel]:
-        """Levels of the runs."""
-        p, bench = self.posterior, self.bench
-        places = p.model.places
+    def shared(self) -> Array:
+        """Standard deviations of the levels by errors of tail and drifts, with sign (R, 2)."""
+        p, places = self.posterior, self.posterior.model.places
         drifts = slice(places["zeros"].start, places["drift"].stop)
         factor = root(p.covariance)
         error = -p.level_shift @ factor
@@ -276,25 +236,19 @@ class BenchFit:
         size = np.linalg.norm(error, axis=1)
         share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
+        return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
+
+    @property
+    def drift(self) -> Array:
+        """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
+        p, bench = self.posterior, self.bench
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
         slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * bench.memory[-2]
         slow = slow + p.sizes["walk"] ** 2 * bench.memory[-1]
         wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
-        ends = [(2, int(np.flatnonzero(one)[-1])) for one in bench.one]
-        of_mu = float(p.of("drift")[0][0])
-        return [
-            RunLevel(
-                y=float(p.level[k]),
-                variance=float(p.level_variance[k]),
-                shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
-                shared_drift=float(size[k] * np.sqrt(share[k])),
-                misfit=float(np.sqrt(self.scale[k])),
-                drift=float(wander[k, last] - wander[k, first]) + of_mu * float(bench.level[k]),
-                fit=self,
-                k=k,
-            )
-            for k, (first, last) in enumerate(ends)
-        ]
+        last = bench.one.shape[1] - 1 - np.argmax(bench.one[:, ::-1] > 0.0, axis=1)
+        change = np.take_along_axis(wander, last[:, None], axis=1)[:, 0] - wander[:, 2]
+        return np.asarray(change + p.of("drift")[0][0] * bench.level)
 
 
 def noise_scale(bench: Bench, posterior: Posterior) -> Array:

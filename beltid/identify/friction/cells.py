@@ -38,13 +38,11 @@ HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 
 """The same of h."""
 OWN_ZERO, OWN_HELD = Size(5e-4, 1.5), Size(5e-4, 1.5)
 """Sizes of w, over the median initial tension, and of f."""
-GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))
-"""The same of gamma, over what is stated."""
+GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # the same of gamma, over what is stated
 SETTINGS, ARCS, SCATTER = 0.3, 0.03, Size(3e-3, 1.0)
 """How mu of the runs in both directions may change: powers of tension and speed, between the arcs,
 from run to run (relative)."""
-NOTED = 0.003
-"""Ratio of correction to initial tension above which a note mentions it."""
+NOTED = 0.003  # ratio of correction to initial tension above which a note mentions it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +50,9 @@ class CellErrors:
     """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,)."""
 
     mean: Array  # correction to subtract
-    variance: Array  # variance of its part that is independent between runs
+    variance: Array  # of its part that is independent between runs
     shared: Array  # standard deviation of its part that all runs share, with its sign
     held: Array  # difference at rest that zeros and gains do not explain, as a share of the tension
-    gain: float  # difference of the gains that was found; 0 if nothing shows it
     notes: tuple[str, ...]  # note to the user on each run; empty if there is none
 
 
@@ -67,18 +64,11 @@ def cell_errors(
     gain_rel: float = 2e-3,
     free_at_rest: bool = False,
 ) -> CellErrors:
-    """Estimate the errors (S4).
+    """Estimate the errors (S4) of runs with their rest and their sliding.
 
-    Parameters
-    ----------
-    runs, records : sequence of RunReduction, sequence of SlidingRecord
-        The runs, with their rest and their sliding.
-    level, level_se : ndarray, shape (R,)
-        ln(T_tight/T_slack) while sliding, and its standard error.
-    gain_rel : float
-        Stated standard uncertainty of the gain of a cell.
-    free_at_rest : bool
-        Whether the belt holds no friction at rest.
+    `level` and `level_se` (R,) are ln(T_tight/T_slack) while sliding and its standard error,
+    `gain_rel` the stated standard uncertainty of the gain of a cell; the belt may be `free_at_rest`
+    of friction.
     """
     T, D, se = np.array(
         [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
@@ -111,23 +101,20 @@ def cell_errors(
     inverse = 1.0 / np.array([record.tensions_N for record in records])
     q, q_common = 0.5 * inverse.sum(axis=1), 0.5 * (inverse[:, 1] - inverse[:, 0])
     # changes of e by the coefficients: through zeta, and through w, which the residual gives
-    slopes = -(q * part)[:, None] * model.X[0]
+    slopes, gain = -(q * part)[:, None] * model.X[0], 0.0
     slopes[:, 0] += d * q * unit
-    gain = 0.0
-    if both_ways or free_at_rest:
+    if "gain" in model.places:
         gain = float(posterior.of("gain")[0][0])
         slopes[:, 1] += d
     # the common error of both zeros has the size of their difference
     zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
     columns = np.column_stack([slopes @ root(posterior.covariance), q_common * zero_size])
     mean = d * (q * zeros + gain)
-    sign = np.where(mean < 0.0, -1.0, 1.0)
     return CellErrors(
         mean=mean,
         variance=own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2),
-        shared=sign * np.linalg.norm(columns, axis=1),
+        shared=np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1),
         held=(D - d * (zeros + gain * T)) / T,
-        gain=gain,
         notes=tuple(_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)),
     )
 

@@ -1,12 +1,8 @@
 """Clean the channels of one run and find its phases: rest, rotation, sliding of the belt.
 
 Samples keep their place in time; unusable ones (gaps, spikes) become nan and are counted, and a
-dead or saturated cell rejects the run. A run sampled at 10 kHz has a hundred times the samples that
-its plateau and its peak need: it is averaged over blocks, which preserve the mean and its noise at
-a resolution of about a thousandth of the run.
-
-All thresholds of the rotation are relative to the speed that the pulley reaches, so the detected
-start depends neither on the unit nor on the sign of the speed channel.
+dead or saturated cell rejects the run. A long run is averaged over blocks, which preserve the mean
+and its noise. All thresholds of the rotation are relative to the speed that the pulley reaches.
 """
 
 from __future__ import annotations
@@ -33,22 +29,17 @@ from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind, RunRecord, R
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAX_MISSING = 0.3
-"""Largest share of the samples that may be missing or not positive."""
+MAX_MISSING = 0.3  # largest share of the samples that may be missing or not positive
 CLIPPED, FEWEST_CLIPPED = 0.04, 4
 """Share, and number, of the samples near an extreme that are equal to it in a saturated cell."""
-NOISY = 0.3
-"""Share of the samples at which a noisy signal turns; white noise turns at two of three."""
-SPIKE = 6.0
-"""Distance from the neighbours above which a sample is a spike, in standard deviations."""
+NOISY = 0.3  # share of the samples at which a noisy signal turns; white noise turns at two of three
+SPIKE = 6.0  # distance from the neighbours above which a sample is a spike, in standard deviations
 LARGEST_N = 1e12
 """Readings beyond this are invalid [N]: no cell reaches them, and their squares overflow."""
 MARKED = 10.0
 """Ratio to its neighbours and to nearly all samples above which a speed is an overflow mark."""
-LEAST_ANSWER = 0.02
-"""Smallest change of a cell relative to the change of the other one."""
-BLOCKS = 4096
-"""Number of blocks that a run of more than twice as many samples is averaged over."""
+LEAST_ANSWER = 0.02  # smallest change of a cell relative to the change of the other one
+BLOCKS = 4096  # number of blocks that a run of more than twice as many samples is averaged over
 FEWEST_TURNING = 20
 """Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
 
@@ -58,9 +49,9 @@ class Channels:
     """Usable channels of a run without the rows that have no time, shape (n,) each."""
 
     time_s: Array
-    tensions: Array  # tensions of the tight and the slack cell [N], nan if unusable, shape (n, 2)
-    speed: Array  # speed of the pulley [rad/s], without gaps
-    temperature: Array  # temperature [°C], nan if unknown
+    tensions: Array  # of the tight and the slack cell [N], nan if unusable, (n, 2)
+    speed: Array  # of the pulley [rad/s], without gaps
+    temperature: Array  # [°C], nan if unknown
     n_spikes: int
     n_missing: int
     rounding_N: Array  # error of a mean of either cell by a coarse converter [N], shape (2,)
@@ -73,13 +64,7 @@ class Channels:
 
 
 def read_channels(record: RunRecord) -> Channels:
-    """Check the channels of a run, remove spikes, correct the cells, average a long run.
-
-    Raises
-    ------
-    RunRejected
-        If the record cannot be reduced.
-    """
+    """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`."""
     timed = np.isfinite(record.time_s)
     n = record.time_s.size
     if n < 2:
@@ -98,33 +83,25 @@ def read_channels(record: RunRecord) -> Channels:
     tensions, spikes = np.empty((t.size, 2)), np.zeros((t.size, 2), dtype=bool)
     recorded = [x[timed] for x in (record.tension_tight_N, record.tension_slack_N)]
     step, rounding_N = resolution(*(x[-2 * BLOCKS :] for x in recorded)), np.zeros(2)
-    for k, (span, values, cell) in enumerate(zip(SPANS, recorded, record.kind.cells, strict=True)):
+    for k, (span, values) in enumerate(zip(SPANS, recorded, strict=True)):
         if span != record.kind.weight:
             values, spikes[:, k] = _tension(values, f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
-            rounding_N[k] = cell.gain * rounding_of_mean(noise, step)
-        tensions[:, k] = cell.tension(values)
+            rounding_N[k] = rounding_of_mean(noise, step)
+        tensions[:, k] = values
     lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
     temperature = record.temperature_degC
-    channels = Channels(
-        time_s=_untied(t),
-        tensions=tensions,
-        speed=_speed(t, record.pulley_speed_rad_s[timed]),
-        temperature=np.full(t.size, np.nan) if temperature is None else temperature[timed],
+    temperature = np.full(t.size, np.nan) if temperature is None else temperature[timed]
+    columns = [_untied(t), tensions, _speed(t, record.pulley_speed_rad_s[timed]), temperature]
+    if t.size >= 2 * BLOCKS:
+        starts = np.arange(0, t.size, t.size // BLOCKS)
+        columns = [block_means(x, starts) for x in columns]
+    return Channels(
+        *columns,
         n_spikes=int(np.count_nonzero(spikes.any(axis=1))),
         n_missing=int(np.count_nonzero(lost)) + n - t.size,
         rounding_N=rounding_N,
         kind=record.kind,
-    )
-    if t.size < 2 * BLOCKS:
-        return channels
-    starts = np.arange(0, t.size, t.size // BLOCKS)
-    return replace(
-        channels,
-        time_s=block_means(channels.time_s, starts),
-        tensions=block_means(channels.tensions, starts),
-        speed=block_means(channels.speed, starts),
-        temperature=block_means(channels.temperature, starts),
     )
 
 
@@ -201,25 +178,15 @@ class Rotation:
     first: int  # index of the first sample at which the pulley turns
     full_speed: int  # index of the first sample at which it has reached its speed
     end: int  # index after the last sample at which it turns
-    speed_rad_s: float
-    """Magnitude of the speed reached, median over the second half of the rotation [rad/s]."""
+    speed_rad_s: float  # magnitude of the speed reached, median over the second half
     reversed: bool  # whether the speed channel is negative
-    unsteadiness: float
-    """Relative change of the speed between the two halves of the time at full speed [-]."""
+    unsteadiness: float  # relative change between the two halves of the time at full speed
 
 
 def find_rotation(speed: Array) -> Rotation:
-    """Locate the rotation of the pulley in the speed channel.
+    """Locate the rotation in the finite speeds of the pulley [rad/s], (n,).
 
-    Parameters
-    ----------
-    speed : ndarray
-        Pulley speed [rad/s], finite, shape (n,).
-
-    Raises
-    ------
-    RunRejected
-        If the pulley never turns, or for too short.
+    Raises `RunRejected` if the pulley never turns, or for too short.
     """
     smooth = running_median(speed, 5)
     magnitude = np.abs(smooth)
@@ -282,10 +249,7 @@ def _second_half(channels: Channels, rotation: Rotation) -> Array:
 def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     """Swap the cells if the slack one shows the larger tension throughout the sliding.
 
-    Raises
-    ------
-    RunRejected
-        If swapped cells cannot be the cause, or there are too few samples.
+    Raises `RunRejected` if swapped cells cannot be the cause.
     """
     tight, slack = _second_half(channels, rotation).T
     if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
@@ -300,8 +264,7 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
 def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
     """Convert the tensions of a belt on a dead weight to those of a belt with fixed ends.
 
-    The ratio of the tensions is kept at every sample; their sum is set to its median while the
-    belt slides. Build-up and tail of the peak then look like those of a bench with two cells.
+    The ratio of the tensions is kept; their sum is set to its median while the belt slides.
     """
     sum_N = median(_second_half(channels, rotation).sum(axis=1))
     tight, slack = channels.tensions.T
@@ -314,10 +277,10 @@ def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
 class SlidingPhase:
     """Usable samples of a run until the pulley stops, and the start of the sliding."""
 
-    time_s: Array  # times [s], shape (n,)
-    tensions: Array  # tight and slack tension [N], shape (n, 2)
-    angle: Array  # angle of the pulley since the first sample of the rotation [rad], shape (n,)
-    temperature: Array  # temperature [°C], nan if unknown, shape (n,)
+    time_s: Array  # (n,)
+    tensions: Array  # tight and slack tension, (n, 2)
+    angle: Array  # angle of the pulley since the first sample of the rotation [rad], (n,)
+    temperature: Array  # nan if unknown, (n,)
     first: int  # first sample of the rotation
     built: int  # first sample at which nine tenths of the build-up are reached
     slide: int  # first sample that is certainly after the build-up
@@ -326,10 +289,7 @@ class SlidingPhase:
 def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     """Find where the belt begins to slide as a whole.
 
-    Raises
-    ------
-    RunRejected
-        If it never slides, or a cell does not respond.
+    Raises `RunRejected` if it never slides, or a cell does not respond.
     """
     keep = np.flatnonzero(channels.usable[: rotation.end])
     t = channels.time_s[keep]
@@ -376,8 +336,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     return SlidingPhase(t, tensions, angle - angle[first], temperature, first, built, slide)
 
 
-MIN_SAMPLES = 3
-"""Fewest samples before the pulley turns."""
+MIN_SAMPLES = 3  # fewest samples before the pulley turns
 NEAR = 1e-4 / 6.0
 """Smallest spread of the samples at rest, relative to their median, for the search for outliers."""
 AGREE, LARGE = 0.7, 0.1
@@ -406,22 +365,10 @@ class Rest:
 def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
     """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
-    Samples just before the rotation whose tensions already separate (a lagging speed channel) are
-    excluded.
-
-    Parameters
-    ----------
-    t : ndarray
-        Times before the pulley turns [s], shape (n,).
-    tensions : ndarray
-        Tensions of the tight and the slack cell [N], spikes and gaps as nan, shape (n, 2).
-    rounding_N : array_like, shape (2,)
-        Errors of means of both cells by coarse converters [N].
-
-    Raises
-    ------
-    RunRejected
-        If there are fewer than `MIN_SAMPLES` samples at rest.
+    From times (n,) [s], tensions of the tight and the slack cell [N], unusable ones as nan, (n, 2),
+    and the errors (2,) of means by coarse converters [N]. Samples just before the rotation whose
+    tensions already separate (a lagging speed channel) are excluded. Raises `RunRejected` if fewer
+    than `MIN_SAMPLES` are left.
     """
     kept = _quiet_samples(tensions)
     mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
@@ -480,23 +427,12 @@ def _slope(t: Array, x: Array) -> tuple[float, float]:
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:
-    """Compare the tensions at rest with the stated initial tensions and describe a mismatch.
+    """Describe a mismatch of mean tensions at rest and stated initial tensions (n,) [N].
 
     Each level of tension has an offset and a factor, medians over its runs. The median level
-    counts if the levels agree on it, so that a few wrongly set runs or levels do not matter.
-
-    Parameters
-    ----------
-    measured_N : ndarray
-        Mean of both cells at rest [N], shape (n,).
-    stated_N : ndarray
-        Stated initial tensions [N], nan if not stated, shape (n,).
-
-    Returns
-    -------
-    str
-        Empty if they match, if the levels do not agree on a mismatch, or if fewer than four runs
-        or a single tension do not allow a check.
+    counts if the levels agree on it, so that a few wrongly set runs or levels do not matter. The
+    text is empty if they match, if the levels do not agree on a mismatch, or if fewer than four
+    runs or a single tension do not allow a check.
     """
     usable = np.isfinite(measured_N) & (stated_N > 0.0)
     measured, stated = measured_N[usable], stated_N[usable]

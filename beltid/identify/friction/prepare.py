@@ -1,8 +1,6 @@
 """Prepare each run alone (first pass): condense its recording to the data the campaign needs.
 
-Checks the sensors, finds rest and rotation and averages the sliding of one run, independently of
-the other runs. The quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of
-both tensions,
+The quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of both tensions,
 
     z = ln(m_t/m_s) + (T_t/m_t - 1) - (T_s/m_s - 1),                                         (S1)
 
@@ -49,34 +47,20 @@ Mask = NDArray[np.bool_]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
-FEWEST_SLIDING = 12
-"""Fewest usable samples of sliding."""
+FEWEST_SLIDING = 12  # fewest usable samples of sliding
 ROUNDING_NOTED = 1e-4
 """Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
-MAX_IMBALANCE = 0.2
-"""Largest difference of the two cells at rest over their mean [-]."""
+MAX_IMBALANCE = 0.2  # largest difference of the two cells at rest over their mean [-]
 MAX_NOISE_RATIO = 2.5
 """Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
-FEWEST_BUILT = 3
-"""Fewest samples of the build-up that show its travel."""
-ONSET = 200
-"""Most samples of the build-up that are kept for the sticking peak."""
+FEWEST_BUILT = 3  # fewest samples of the build-up that show its travel
+ONSET = 200  # most samples of the build-up that are kept for the sticking peak
 
 
 def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecord | None]:
-    """Condense one record to the data its campaign needs; its status states any defect.
+    """Condense one record on a pulley of radius R [m] to the data its campaign needs.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The samples.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-
-    Returns
-    -------
-    found, sliding
-        What its own record gives, and its sliding phase; None if the status is final.
+    Returns what its own record gives, and its sliding phase; None if the status is final.
     """
     run = replace(record.result)
     try:
@@ -107,8 +91,8 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
-        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
+        none = dict.fromkeys(("end_se_N", "imbalance_N", "imbalance_se_N"), 0.0)
+        rest = replace(rest, tension_N=W, end_N=W, **none)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
@@ -121,7 +105,6 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-
     held = channels if weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
     run.take_up_m = R * _take_up(phase)
@@ -184,52 +167,44 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
     return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
 
 
-GROWTH = 0.15
-"""Ratio of the length of a block to the length of the record before it."""
+GROWTH = 0.15  # ratio of the length of a block to the length of the record before it
 FINEST = 256
 """Records of up to so many samples start with blocks of one sample; longer records with more."""
 TAKE_UP = np.geomspace(0.06, 0.35, 5)
-"""Decay lengths of the rest of the build-up, over its travel: spaced so closely that a noise-free
-recording resolves no other decay between two of them."""
+"""Decay lengths of the rest of the build-up, over its travel, without gaps."""
 SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
-"""Lengths of slow decays of the build-up, over its travel: if friction grows strongly with speed,
-part of a build-up may take several times as long as the rest. It resembles the tail of the peak."""
-LINES = 3
-"""Largest number of ripples fitted to a run."""
-OUTLIER = 6.0
-"""Distance from the smooth course above which a sample is dropped, in robust sigmas."""
+"""Lengths of slow decays, over its travel, as where friction grows strongly with speed."""
+LINES = 3  # largest number of ripples fitted to a run
+OUTLIER = 6.0  # distance from the smooth course above which a sample is dropped, in robust sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingRecord:
     """Block means of the sliding phase of a run, shape (m,) unless stated otherwise."""
 
-    first_s: Array  # times of the first and the last sample of each block [s]
+    first_s: Array  # times of the first and the last sample of each block
     last_s: Array
     count: Array  # samples of each block
     travel: Array  # mean travel of the pulley's surface since the end of the build-up [m]
     z: Array  # ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N
     log_mean: Array
     waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
-    take_up: Array
-    """Decays of the possible rest of the build-up at the start of the sliding, (m,
-    TAKE_UP.size)."""
+    take_up: Array  # decays of the possible rest of the build-up, (m, TAKE_UP.size)
     slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
     turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
-    temperature: Array  # temperature [°C], nan if unknown
+    temperature: Array  # nan if unknown
     rest: Rest  # rest phase before the rotation
     onset: Array
     """Times [s], travel since the end of the build-up [m] and z (nan if a tension is not positive),
     from the start of the rotation to the start of the sliding, (3, k)."""
-    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding [N]
-    noise_N: float  # white noise of a sample in z over `sensitivity` [N]
-    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce [-]
-    ripple_N: float  # amplitude of the strongest ripple in the tight tension [N]
+    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding
+    noise_N: float  # white noise of a sample in z over `sensitivity`
+    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce
+    ripple_N: float  # amplitude of the strongest ripple in the tight tension
     unrest_N: float
-    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N]."""
+    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity`."""
     n_outliers: int  # samples that were dropped
-    zero_shifts: Array
-    """Change of z by an error of 1 N in the tight and the slack tension [1/N], (2,)."""
+    zero_shifts: Array  # change of z by 1 N in the tight and the slack tension [1/N], (2,)
     weight: Span | None  # span that carries a dead weight, whose tension has no errors
 
     @property
@@ -253,20 +228,10 @@ class SlidingRecord:
 def sliding_record(
     phase: SlidingPhase, rest: Rest, rounding_N: Array, weight: Span | None, R: float
 ) -> SlidingRecord:
-    """Average the sliding phase of a run over blocks.
+    """Average the sliding phase of a run on a pulley of radius R [m] over blocks.
 
-    Parameters
-    ----------
-    phase : SlidingPhase
-        The samples.
-    rest : Rest
-        Rest phase before the rotation.
-    rounding_N : ndarray, shape (2,)
-        Errors of means of both cells by coarse converters [N].
-    weight : {"tight", "slack"} or None
-        Span that carries a dead weight.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
+    `rounding_N` (2,) are the errors of means of both cells by coarse converters, `weight` is the
+    span that carries a dead weight.
     """
     # nine tenths of the build-up were reached at `built`: its end is a ninth further
     built_m = R * float(phase.angle[phase.built])

@@ -1,31 +1,31 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
 Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`bench_model`, :mod:`cells`). Bench and simulated rig use the same functions, which do not
-depend on the origin of the recording. A run that cannot be reduced is marked with the reason, never
-dropped.
+(:mod:`bench_model`, :mod:`cells`), measured and simulated ones alike. A run that cannot be reduced
+is marked with the reason, never dropped.
 
-The sticking peak is not the largest sample: among many noisy samples near a flat maximum, that is
-the noisiest one. Instead the model of the sliding is extrapolated back to the time at which the
-record leaves the build-up and joins the model; that time is known to one sample.
+The sticking peak is not the largest sample, which is the noisiest one: the model of the sliding is
+extrapolated back to the time at which the record leaves the build-up and joins the model, which is
+known to one sample.
 
-Plateaus that have no rest or build-up, rows of a table, give one friction coefficient each by Eq.
-(6). They show neither the tail of a sticking peak nor the zero of a cell, so neither is corrected.
-The resolution r of the force replaces the scatter: a uniform distribution of this width has the
-standard deviation ``r / sqrt(12)``.
+Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). They show
+neither the tail of a peak nor the zero of a cell. The resolution r of the force replaces the
+scatter: a uniform distribution of this width has the standard deviation ``r / sqrt(12)``.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.bench_model import RunLevel, fit_bench
+from beltid.identify.friction.bench_model import BenchFit, fit_bench
 from beltid.identify.friction.cells import cell_errors
 from beltid.identify.friction.channels import Rest, against_stated
 from beltid.identify.friction.prepare import SlidingRecord, prepare_run
@@ -35,21 +35,17 @@ from beltid.identify.friction.run import (
     NAN,
     NUMBERS,
     TEXTS,
-    Drag,
+    TWO_CELLS,
     RigKind,
     RunRecord,
     RunReduction,
     RunRejected,
     arc_problem,
-    drag_of,
-    drag_range,
+    run_records,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
 
 Array = NDArray[np.float64]
-
-Columns = Mapping[str, NDArray[Any]]
-Rows = dict[str, Array]
 
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
@@ -57,12 +53,9 @@ SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
 
 
 def reduce_plateaus(
-    columns: Columns,
-    R: float,
-    kind: RigKind,
-    resolution_N: float = NAN,
+    columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float = NAN
 ) -> tuple[RunReduction, ...]:
-    """Reduce a table with one row per plateau.
+    """Reduce a table with one row per plateau: each row is a run of one sample.
 
     Parameters
     ----------
@@ -88,97 +81,70 @@ def reduce_plateaus(
         With the columns that are missing.
     """
     n = len(columns["run"])
-    table = {
+    table: dict[str, NDArray[Any]] = {
         name: np.asarray(columns.get(name, np.full(n, NAN)), float)
         for name in (*NUMBERS, *STATED, *SPEEDS, "mu_se")
     }
     given = {name for name, values in table.items() if np.isfinite(values).any()}
     if given.isdisjoint(SPEEDS):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
+    direct = given.issuperset(STATED)
+    if not direct and "arc_deg" not in given:
+        raise InputError("column arc_deg is missing")
     if not kind.running:
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
-    is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
-    rows = {name: values[~is_idle] for name, values in table.items()}
-    drag, by_tensions = None, not given.issuperset(STATED)
-    if by_tensions:
-        if "arc_deg" not in given:
-            raise InputError("column arc_deg is missing")
-        kind = kind.found_in(rows)
-        idle = [{name: x[[i]] for name, x in table.items()} for i in np.flatnonzero(is_idle)]
-        drag = drag_of(idle)
-        tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
-        se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
-        momentum = np.full(se.size, NAN)
-        if kind.running:
-            momentum[:] = kind.momentum_N(kind.belt_speed(rows))
-    pulley_speed = np.abs(rows["pulley_speed_rad_s"])
-    slip_speed = np.abs(rows["slip_speed_m_s"])
-    if "pulley_speed_rad_s" in given:
-        relative = kind.relative_speed({**rows, "pulley_speed_rad_s": pulley_speed}, R)
-        from_pulley = np.abs(sliding_speed(relative, R))
-        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
-    initial = rows["initial_tension_N"]
-    if kind.weight:
-        initial = np.where(np.isfinite(initial), initial, rows["weight_N"])
-    texts = {name: columns[name][~is_idle] for name in TEXTS if name in columns}
-    runs = []
-    for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
-        described = {name: x[k].lower() for name, x in texts.items() if x[k]}
-        run = RunReduction(
-            run=label,
-            arc_deg=float(rows["arc_deg"][k]),
-            nominal_tension_N=float(initial[k]),
-            initial_tension_N=float(initial[k]),
-            pulley_speed_rad_s=float(pulley_speed[k]),
-            slip_speed_m_s=float(slip_speed[k]),
-            mu_sliding=float(rows["mu"][k]),
-            mu_sliding_se=float(rows["mu_se"][k]),
-            normal_force_N_m=float(rows["normal_force_N_m"][k]),
-            temperature_degC=float(rows["temperature_degC"][k]),
-            n_samples=1,
-            mu_sticking_reason="",
-            drag_N_m=drag_range(kind, drag),
-            condition=described.get("condition"),
-            side=described.get("side"),
-        )
-        if by_tensions:
-            run.set_plateau(tight[k], slack[k], R)
-            run.torque_with = kind.span_beside_torque
-            if np.isnan(run.mu_sliding_se):
-                run.mu_sliding_se = float(se[k])
-            run.momentum_N = float(momentum[k])
-        run.status = _problem(run, kind) or "ok"
-        runs.append(run)
-    return tuple(runs)
+    texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
+    table |= {"run": _unique([str(label) for label in columns["run"]]), **texts}
+    if direct:  # the tensions do not count
+        kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
+        table |= dict.fromkeys(CELLS, np.ones(n))
+    records = run_records(table, R, kind)
+    row_of = {label: row for row, label in enumerate(table["run"])}
+    rows = [row_of[record.result.run] for record in records]
+    ses = table["mu_se"][rows]
+    if not direct and np.isfinite(resolution_N):
+        ses = np.where(np.isfinite(ses), ses, _by_resolution(table, R, kind, resolution_N))
+    for record, row, se in zip(records, rows, ses.tolist(), strict=True):
+        run = record.result
+        run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
+        run.temperature_degC, run.n_samples = float(table["temperature_degC"][row]), 1
+        run.pulley_speed_rad_s = abs(float(table["pulley_speed_rad_s"][row]))
+        relative, v = float(record.pulley_speed_rad_s[0]), float(table["slip_speed_m_s"][row])
+        run.slip_speed_m_s = abs(sliding_speed(relative, R) if np.isnan(v) else v)
+        if direct:
+            run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
+        else:
+            run.set_plateau(record.tension_tight_N[0], record.tension_slack_N[0], R)
+        run.mu_sliding_se = se
+        run.status = _problem(run, record.kind) or "ok"
+    return tuple(record.result for record in records)
 
 
 def _by_resolution(
-    rows: Rows, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+    table: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float
 ) -> Array:
-    """Return the standard error of ln(T_tight/T_slack) from the resolution of the forces (n,)."""
-    u = resolution_N / np.sqrt(12.0)
-    variance = np.full(rows["arc_deg"].size, 0.0 if np.isfinite(u) else NAN)
+    """Return the standard error of mu from the resolution of the forces, (n,)."""
+    half, changes = 0.5 * resolution_N / np.sqrt(12.0), []
     for name in CELLS:  # the stated resolution applies to forces only
-        if not np.isfinite(u * rows[name]).any():
-            continue
-        z = []
-        for sign in (-1.0, 1.0):
-            shifted = {**rows, name: rows[name] + 0.5 * sign * u}
-            tight, slack = kind.tensions(shifted, rows["arc_deg"], R, drag)
-            z.append(friction_coefficient(tight, slack, 1.0))
-        variance += np.square(z[1] - z[0])
-    return np.sqrt(variance)
+        mu = []
+        for shift in (-half, half):
+            runs = run_records({**table, name: table[name] + shift}, R, kind)
+            tight, slack = np.array([(r.tension_tight_N[0], r.tension_slack_N[0]) for r in runs]).T
+            arcs = np.radians([r.result.arc_deg for r in runs])
+            mu.append(friction_coefficient(tight, slack, arcs))
+        changes.append(mu[1] - mu[0])
+    return np.asarray(np.linalg.norm(changes, axis=0))
 
 
-def _unique(labels: list[str]) -> list[str]:
+def _unique(labels: list[str]) -> NDArray[Any]:
     """Return unique labels; rows with the same label are numbered."""
     total, seen = Counter(labels), Counter[str]()
     unique = []
     for label in labels:
         seen[label] += 1
         unique.append(f"{label}-{seen[label]}" if total[label] > 1 else label)
-    return unique
+    return np.array(unique, dtype=object)
 
 
 def _problem(run: RunReduction, kind: RigKind) -> str:
@@ -201,43 +167,28 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
                 return f"tension_{name}_N = {tension:g}, must be > 0"
     if not 0.0 < run.mu_sliding <= MAX_MU:
         return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {MAX_MU:g}]"
-    if not run.normal_force_N_m > 0.0:
-        return f"normal_force_N_m = {run.normal_force_N_m:g}, must be > 0"
-    if not run.slip_speed_m_s > 0.0:
-        return f"slip_speed_m_s = {run.slip_speed_m_s:g}, must be > 0"
+    for name in ("normal_force_N_m", "slip_speed_m_s"):
+        if not getattr(run, name) > 0.0:
+            return f"{name} = {getattr(run, name):g}, must be > 0"
     return ""
 
 
-STEADY = 0.005
-"""Remaining change of the tail, relative to mu, at which the plateau begins."""
-MAX_ERROR = 0.05
-"""Largest relative standard error of mu_sliding of an accepted run."""
-MAX_DRIFT = 0.1
-"""Largest relative drift of mu over the sliding phase."""
-MAX_TAIL = 0.025
-"""Largest tail that is left at the end of a record, relative to mu: beyond it the plateau would be
-extrapolated."""
-MAX_MISFIT = 4.0
-"""Largest ratio of the noise about the model of the bench to that of the other runs."""
-MAX_PEAK_ERROR = 0.02
-"""Largest relative standard error of mu_sticking of a resolved peak."""
-JOINED = 3.0
-"""Largest distance of a sample on the model, in standard deviations of the noise."""
-TAIL_NOTED = 1e-3
-"""Tail left at the end of a record, and standard error, relative to mu, above which a note
-mentions them."""
-STANDS_OUT = 3.0
-"""Smallest height of a peak above the plateau, in standard errors of the peak."""
-
-
-FEWEST_FOR_MISFIT = 5
-"""Fewest runs of a bench with which one of them can be rejected as unlike the others."""
+STEADY = 0.005  # remaining change of the tail, relative to mu, at which the plateau begins
+MAX_ERROR = 0.05  # largest relative standard error of mu_sliding of an accepted run
+MAX_DRIFT = 0.1  # largest relative drift of mu over the sliding phase
+MAX_TAIL = 0.025  # largest tail left at the end of a record: beyond, it would be extrapolated
+MAX_MISFIT = 4.0  # largest noise about the model of the bench, over that of the other runs
+MAX_PEAK_ERROR = 0.02  # largest relative standard error of mu_sticking of a resolved peak
+JOINED = 3.0  # largest distance of a sample on the model, in standard deviations of the noise
+TAIL_NOTED = 1e-3  # tail left, and standard error, relative to mu, above which a note mentions them
+STANDS_OUT = 3.0  # smallest height of a peak above the plateau, in standard errors of the peak
+FEWEST_FOR_MISFIT = 5  # runs of a bench with which one can be rejected as unlike the others
 
 
 def reduce_records(
     records: Iterable[RunRecord], R: float, gain_rel: float = 2e-3, free_at_rest: bool = False
 ) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a bench together.
+    """Reduce the runs of a bench together, to one result for every run, in their order.
 
     Parameters
     ----------
@@ -249,11 +200,6 @@ def reduce_records(
         Stated standard uncertainty of the gain of a load cell, relative.
     free_at_rest : bool
         Whether the belt holds no friction at rest, so that the rest shows the gains, too.
-
-    Returns
-    -------
-    tuple of RunReduction
-        One for every run, in their order.
 
     Raises
     ------
@@ -286,35 +232,30 @@ def _reduce_together(
     """Reduce all sliding runs of a bench together."""
     runs, records = zip(*sliding, strict=True)
     rests = [record.rest for record in records]
-    initial = np.array([rest.tension_N for rest in rests])
-    bench = fit_bench(records)
-    levels = bench.levels
-    own = np.array([level.variance for level in levels])
-    own += np.square([record.rounding for record in records])
-    found = np.array([level.y for level in levels])
-    cells = cell_errors(runs, records, found, np.sqrt(own), gain_rel, free_at_rest)
-    relaxed = 1.0 + _relaxation(rests)
-    shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
+    bench, relaxed = fit_bench(records), 1.0 + _relaxation(rests)
+    own = bench.posterior.level_variance + np.square([record.rounding for record in records])
+    level, shared, drift = bench.posterior.level, bench.shared, bench.drift
+    cells = cell_errors(runs, records, level, np.sqrt(own), gain_rel, free_at_rest)
     shared = np.column_stack([shared, cells.shared])
     y_ses = np.sqrt(own + cells.variance + np.sum(shared**2, axis=1))
-    for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
-        y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
-        run.initial_tension_N = float(initial[k]) * relaxed
+    for k, (run, record) in enumerate(sliding):
+        y, y_se = float(level[k] - cells.mean[k]), float(y_ses[k])
+        run.initial_tension_N = rests[k].tension_N * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
         run.held, run.converged = float(cells.held[k]), bench.converged
-        run.drift = level.drift / y
+        run.drift = float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
             if not 0.0 < mu <= MAX_MU:
                 raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
-            _set_plateau(run, record, level, y, y_se, R)
-            _check_fit(run, record, level, len(runs))
+            _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
+            _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
         except RunRejected as reason:
             run.status = str(reason)
             continue
         run.status = "ok"
-        run.mu_sticking_reason = _set_peak(run, record, level, y)
+        run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:
@@ -330,10 +271,9 @@ def _relaxation(rests: Sequence[Rest]) -> float:
 
 
 def _set_plateau(
-    run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, y_se: float, R: float
+    run: RunReduction, record: SlidingRecord, tail: Array, y: float, y_se: float, R: float
 ) -> None:
     """Determine the plateau and its tensions; `y` is its ln(T_tight/T_slack)."""
-    tail = level.tail(record.travel)
     unsettled = np.flatnonzero(np.abs(tail - tail[-1]) > STEADY * abs(y))
     start = int(unsettled[-1]) + 1 if unsettled.size else 0
     count, temperature = record.count[start:], record.temperature[start:]
@@ -355,7 +295,7 @@ def _set_plateau(
 
 
 def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator[str]:
-    """Write notes to the user on the remaining tail, on a drift and on a rest that is too short."""
+    """Yield notes on the remaining tail, on a drift and on a rest that is too short."""
     if abs(tail) > TAIL_NOTED:
         yield (
             f"mu is still {100 * tail:+.2g} % off its plateau at the end of the record: the tail "
@@ -385,14 +325,16 @@ def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> flo
     return float(np.average(level, weights=weight[start:]))
 
 
-def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs: int) -> None:
+def _check_fit(
+    run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, *shared: float
+) -> None:
     """Reject a run that does not fit the bench, drifts or never settles."""
-    relative_misfit = level.misfit * record.noise_N * record.sensitivity / level.y
+    y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
-    misfits = level.misfit > MAX_MISFIT and relative_misfit > STEADY
-    if n_runs >= FEWEST_FOR_MISFIT and misfits:
+    misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
+    if bench.scale.size >= FEWEST_FOR_MISFIT and misfits:
         raise RunRejected(
-            f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
+            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
             f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
         )
     if abs(run.drift) > MAX_DRIFT:
@@ -400,15 +342,14 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
             f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * MAX_DRIFT:g} %"
         )
-    left = abs(float(level.tail(record.travel[-1:])[0])) / level.y
+    left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     if left > MAX_TAIL:
         raise RunRejected(
             f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
             f"the end of the record, allowed is {100 * MAX_TAIL:g} %"
         )
     # errors of the cells do not count here: they do not depend on settling
-    parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
-    error = float(np.linalg.norm(parts)) / level.y
+    error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
     if error > MAX_ERROR:
         raise RunRejected(
             f"never settles: the standard error of its level is {100 * error:.2g} %, "
@@ -416,12 +357,13 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
         )
 
 
-def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: float) -> str:
+def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:
     """Set the sticking peak from the model of the sliding, or return why there is none."""
+    level = float(bench.posterior.level[k])
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond
-    model = level.y + level.tail(np.maximum(travel, 0.0))
+    model = level + bench.tail(k, np.maximum(travel, 0.0))
     ripple = record.ripple_N / record.tensions_N[0]
     limit = JOINED * record.noise_N * record.sensitivity + ripple
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
@@ -430,18 +372,18 @@ def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: floa
         return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
     run.peak_time_s = 0.5 * float(t[before] + t[join])
-    last_off, first_on = (max(float(travel[k]), 0.0) for k in (before, join))
-    peak, error = level.at(0.5 * (last_off + first_on))
+    last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
+    peak, error = bench.at(k, 0.5 * (last_off + first_on))
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(peak - float(np.nanmin(z)), limit)
     margin = float(travel[join] - travel[0]) * limit / rise
     step = first_on - last_off
     ahead = 0.1 * max(step, margin)
-    tail = level.tail(np.array([first_on, first_on + ahead]))
+    tail = bench.tail(k, np.array([first_on, first_on + ahead]))
     rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
     se = float(np.linalg.norm([error, timing, record.rounding]))
-    if peak - level.y < STANDS_OUT * se:
+    if peak - level < STANDS_OUT * se:
         return "no peak stands out from the plateau"
     if se > MAX_PEAK_ERROR * peak:
         return (
@@ -449,5 +391,5 @@ def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: floa
             f"allowed is {100 * MAX_PEAK_ERROR:g} %"
         )
     beta = float(np.radians(run.arc_deg))
-    run.mu_sticking, run.mu_sticking_se = (peak + y - level.y) / beta, se / beta
+    run.mu_sticking, run.mu_sticking_se = (peak + y - level) / beta, se / beta
     return ""

@@ -1,8 +1,8 @@
 """Runs of a friction rig, and the tensions of both spans from what the rig measures.
 
 A recording is a table; `run_records` splits it into runs. Any two of these channels give the two
-span forces; the formulas are in `laws.capstan`. The tensions go through the same reduction as those
-of two cells; only the errors that they can have differ.
+span forces; the formulas are in `laws.capstan`. All tensions go through the same reduction; only
+the errors that they can have differ.
 
 =========== ============================== ==================================================
 Measures    Channels                       Errors of the tensions
@@ -14,8 +14,8 @@ torque      torque and one tension         torque: in the other tension; cell: i
 torque_hub  torque and hub force           torque: half in each; hub force: in their sum
 =========== ============================== ==================================================
 
-Known errors of the cells are corrected first, so that the difference of the cells at rest shows
-only the unknown rest.
+Known errors of the cells are corrected here, so that the difference of the cells at rest shows only
+the unknown rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators import median
 from beltid.laws.capstan import (
     STRAIGHT,
     Spans,
@@ -42,14 +41,13 @@ from beltid.laws.capstan import (
 )
 
 Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
 
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-TURNS = 0.03
-"""Share of the largest speed above which the pulley counts as turning."""
-LEAST_SLIP = 1e-9
-"""Ratio of sliding speed to belt speed below which the sliding is rounding error."""
+TURNS = 0.03  # share of the largest speed above which the pulley counts as turning
+LEAST_SLIP = 1e-9  # ratio of sliding speed to belt speed below which the sliding is rounding error
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +60,10 @@ class KnownCell:
     def tension(self, reading_N: ArrayLike) -> Array:
         """Convert readings of the cell [N] to the tension of its span, ``gain (reading - tare)``.
 
-        Parameters
-        ----------
-        reading_N : array_like
-            Readings [N].
+        An exact zero is a lost reading: nan.
         """
-        return self.gain * (np.asarray(reading_N, dtype=float) - self.tare_N)
+        reading = np.asarray(reading_N, dtype=float)
+        return self.gain * (np.where(reading == 0.0, np.nan, reading) - self.tare_N)
 
 
 PERFECT = (KnownCell(), KnownCell())
@@ -82,13 +78,7 @@ class Drag:
     at_rest_N_m: float  # reading of the sensor before the pulley turns [N m]
 
     def at(self, speed_rad_s: Array) -> Array:
-        """Interpolate the torque to subtract; constant beyond the speeds of the idle runs.
-
-        Parameters
-        ----------
-        speed_rad_s : ndarray
-            Magnitudes of the pulley speed [rad/s].
-        """
+        """Interpolate the torque to subtract [N m]; constant beyond the speeds of the idle runs."""
         turns = speed_rad_s > TURNS * float(np.nanmax(speed_rad_s, initial=0.0))
         drag = np.interp(speed_rad_s, self.speed_rad_s, self.torque_N_m)
         return np.where(turns, drag, self.at_rest_N_m)
@@ -102,19 +92,13 @@ class RigKind:
     weight_on: Span = "tight"  # span that carries the dead weight
     torque_with: Span = "slack"  # span whose tension is measured in addition to a torque
     running: bool = False  # whether the belt moves
-    mass_per_length_kg_m: float = 0.0
-    """Mass per length of the belt; used only if the belt moves [kg/m]."""
+    mass_per_length_kg_m: float = 0.0  # of a moving belt
     cells: tuple[KnownCell, KnownCell] = PERFECT  # known errors of the tight and the slack cell
     spans: Spans = STRAIGHT
     """Rotation of the span forces by bending: a hub force is the resultant of both."""
     weight_stated: bool = True
     """Whether the user said which span that is: a weight beside a torque does not show it."""
     weighs: bool = False  # whether the tension measured in addition to a torque is a weight
-
-    @property
-    def is_derived(self) -> bool:
-        """Whether the tensions are derived rather than read directly from two cells."""
-        return self.measures != "two_cells" or self.running
 
     @property
     def has_torque(self) -> bool:
@@ -131,28 +115,23 @@ class RigKind:
         """Span whose tension is measured in addition to a torque; None for other kinds."""
         return self.torque_with if self.measures == "torque" else None
 
-    def found_in(self, columns: Mapping[str, Array]) -> RigKind:
-        """Return this kind with `torque_with` as the span whose tension the columns hold.
+    def found_in(self, columns: Columns) -> RigKind:
+        """Return this kind with what a whole recording holds beside a torque.
 
-        Raises
-        ------
-        InputError
-            If channels are missing.
+        Raises :class:`InputError` if channels are missing.
         """
         needed = {
             "two_cells": ("tension_tight_N", "tension_slack_N"),
             "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
             "torque": ("torque_N_m",),
             "torque_hub": ("torque_N_m", "hub_force_N"),
-        }[self.measures]
-        missing = [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
+        }[self.measures] + ("belt_speed_m_s",) * self.running
+        missing = [name for name in needed if not _has_values(columns, name)]
         if missing:
-            raise InputError(missing)
-        if self.measures != "torque":
-            return self
-        for span in (self.torque_with, other(self.torque_with)):
-            if _has_values(columns, f"tension_{span}_N"):
-                return replace(self, torque_with=span)
+            raise InputError([f"column {name} is missing" for name in missing])
+        found = self.of_run(columns)
+        if self.measures != "torque" or _has_values(columns, f"tension_{found.torque_with}_N"):
+            return found
         if not _has_values(columns, "weight_N"):
             raise InputError("column tension_tight_N, tension_slack_N or weight_N is missing")
         if not self.weight_stated:
@@ -162,13 +141,17 @@ class RigKind:
             )
         return replace(self, torque_with=self.weight_on, weighs=True)
 
+    def of_run(self, columns: Columns) -> RigKind:
+        """Return this kind with the span whose tension a run holds beside its torque."""
+        swapped = other(self.torque_with)
+        names = (f"tension_{span}_N" for span in (self.torque_with, swapped))
+        is_there = [_has_values(columns, name) for name in names]
+        return replace(self, torque_with=swapped) if is_there == [False, True] else self
+
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
 
-        Parameters
-        ----------
-        table : {"rig", "points"}
-            Name under which the config maps the columns of the recording.
+        `table` is the name under which the config maps the columns, "rig" or "points".
         """
         if self.measures == "dead_weight":
             return (
@@ -183,43 +166,17 @@ class RigKind:
             )
         return ""
 
-    def belt_speed(self, columns: Mapping[str, Array]) -> Array:
-        """Return the magnitude of the belt speed [m/s].
-
-        Raises
-        ------
-        InputError
-            If no column gives it.
-        """
-        speed = np.abs(np.asarray(columns.get("belt_speed_m_s", np.nan), dtype=float))
-        if not np.isfinite(speed).any():
-            raise InputError("column belt_speed_m_s is missing")
-        return speed
-
     def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
         """Return the momentum part of the measured tensions [N]; zero with a hub force."""
         mass = 0.0 if self.measures == "torque_hub" else self.mass_per_length_kg_m
         return mass * belt_speed_m_s**2
 
     def tensions(
-        self,
-        columns: Mapping[str, Array],
-        arc_deg: float | Array,
-        R: float,
-        drag: Drag | None = None,
+        self, columns: Columns, arc_deg: float | Array, R: float, drag: Drag | None = None
     ) -> tuple[Array, Array]:
         """Compute the tensions that press the belt onto the pulley [N], shape (n,) each.
 
-        Parameters
-        ----------
-        columns : mapping of str to ndarray
-            The channels of this kind, shape (n,) each.
-        arc_deg : float or ndarray
-            Contact arc [deg].
-        R : float
-            Radius of the belt's centreline on the pulley [m].
-        drag : Drag, optional
-            Bearing drag to subtract from the torque.
+        From the channels (n,) on a contact arc [deg] of radius R [m], without the drag.
         """
         if not self.has_torque:
             return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
@@ -228,12 +185,12 @@ class RigKind:
             torque = torque - drag.at(magnitude)
         if self.measures == "torque_hub":
             # the momentum of the belt does not load the axis
-            hub, beta = columns["hub_force_N"], np.radians(arc_deg)
+            hub, beta = PERFECT[0].tension(columns["hub_force_N"]), np.radians(arc_deg)
             return tensions_by_hub_force(torque, hub, beta, R, self.spans)
         measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
         return tensions_by_torque(torque, R, **measured)
 
-    def _span_tension(self, columns: Mapping[str, Array], span: Span) -> Array:
+    def _span_tension(self, columns: Columns, span: Span) -> Array:
         """Compute the tension of a span from its cell or weight."""
         if span == self.weight:
             tension = np.asarray(columns["weight_N"], dtype=float)
@@ -241,20 +198,21 @@ class RigKind:
             tension = self.cells[SPANS.index(span)].tension(columns[f"tension_{span}_N"])
         if not self.running:
             return tension
-        return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
+        return pressing_tension(
+            tension, self.mass_per_length_kg_m, np.abs(columns["belt_speed_m_s"])
+        )
 
-    def relative_speed(self, columns: Mapping[str, Array], R: float) -> Array:
+    def relative_speed(self, columns: Columns, R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
-        speed = np.asarray(columns["pulley_speed_rad_s"], dtype=float)
+        speed = columns["pulley_speed_rad_s"]
         if not self.running:
             return speed
-        belt = self.belt_speed(columns)
+        belt = np.abs(columns["belt_speed_m_s"])
         sliding = running_sliding_speed(np.abs(speed), R, belt)
         return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 
-TWO_CELLS = RigKind()
-"""The rig of the paper."""
+TWO_CELLS = RigKind()  # the rig of the paper
 
 
 def other(span: Span) -> Span:
@@ -262,13 +220,10 @@ def other(span: Span) -> Span:
     return "slack" if span == "tight" else "tight"
 
 
-def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
+def drag_of(idle: Sequence[Columns]) -> Drag | None:
     """Compute the bearing drag from runs of the pulley without the belt; None without such runs.
 
-    Parameters
-    ----------
-    idle : sequence of mapping
-        Columns pulley_speed_rad_s [rad/s] and torque_N_m [N m] of each run.
+    Each run has columns pulley_speed_rad_s [rad/s] and torque_N_m [N m].
     """
     found, at_rest = [], []
     for columns in idle:
@@ -276,7 +231,7 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
         turns &= np.isfinite(torque)
         if not turns.any():
             continue
-        found.append((median(magnitude[turns]), float(np.mean(torque[turns]))))
+        found.append((float(np.median(magnitude[turns])), float(np.mean(torque[turns]))))
         still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
             at_rest.append(float(np.mean(torque[still])))
@@ -286,25 +241,21 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     return Drag(speeds, torques, float(np.mean(at_rest)) if at_rest else 0.0)
 
 
-def _turning(columns: Mapping[str, Array]) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _turning(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the torque in the direction of rotation, the speed, and where the pulley turns."""
-    torque, speed = (
-        np.atleast_1d(np.asarray(columns[name], dtype=float))
-        for name in ("torque_N_m", "pulley_speed_rad_s")
-    )
+    torque, speed = columns["torque_N_m"], columns["pulley_speed_rad_s"]
     magnitude = np.abs(speed)
     turns = magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))
-    is_reversed = turns.any() and median(speed[turns]) < 0.0
+    is_reversed = turns.any() and np.median(speed[turns]) < 0.0
     return -torque if is_reversed else torque, magnitude, turns
 
 
-def _has_values(columns: Mapping[str, Array], name: str) -> bool:
-    return bool(np.isfinite(np.asarray(columns.get(name, np.nan), dtype=float)).any())
+def _has_values(columns: Columns, name: str) -> bool:
+    return bool(np.isfinite(columns.get(name, np.nan)).any())
 
 
 NAN = float("nan")
-MAX_MU = 3.0
-"""Largest credible friction coefficient [-]."""
+MAX_MU = 3.0  # largest credible friction coefficient [-]
 CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 CHANNELS = (
     *CELLS,
@@ -313,8 +264,7 @@ CHANNELS = (
 NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")
 """Settings of a run, which do not change within it."""
 NUMBERS = (*CHANNELS, *NOMINAL)
-TEXTS = ("condition", "side")
-"""Text columns with the conditions of a run."""
+TEXTS = ("condition", "side")  # text columns with the conditions of a run
 
 
 class RunRejected(Exception):
@@ -335,53 +285,46 @@ class RunReduction:
     run: str = ""
     arc_deg: float = NAN  # contact arc, nominal [deg]
     nominal_tension_N: float = NAN
-    momentum_N: float = NAN
-    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
+    momentum_N: float = NAN  # subtracted from the tensions of a running belt; nan at rest
     torque_with: Span | None = None  # span whose tension was measured in addition to a torque
-    condition: str | None = None  # surface: dry, wet or dusty; None if not stated
+    condition: str | None = None  # surface: dry, wet or dusty
     side: str | None = None  # side of the belt on the pulley: rib or back
-    drag_N_m: tuple[float, float] | None = None
-    """Lowest and highest bearing drag subtracted from the torque [N m]."""
-    initial_tension_N: float = NAN  # mean of both cells at the start of the rotation [N]
-    pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed [rad/s]
-    slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7) [m/s]
-    tension_tight_N: float = NAN
-    """Tight tension of the plateau, without ripple and tail of the peak [N]."""
+    drag_N_m: tuple[float, float] | None = None  # lowest and highest subtracted from the torque
+    initial_tension_N: float = NAN  # mean of both cells at the start of the rotation
+    pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed
+    slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7)
+    tension_tight_N: float = NAN  # of the plateau, without ripple and tail of the peak
     tension_slack_N: float = NAN
-    mu_sliding: float = NAN  # Eq. (6) of the two plateau tensions [-]
+    mu_sliding: float = NAN  # Eq. (6) of the two plateau tensions
     mu_sliding_se: float = NAN
     """Standard deviation, from the noise of the record and its correlation, the shape of the tail,
-    drift and the cells; includes errors common to all runs [-]."""
-    mu_sticking: float = NAN
-    """Peak of mu at the end of the build-up [-]; nan if the record does not resolve it."""
+    drift and the cells; includes errors common to all runs."""
+    mu_sticking: float = NAN  # peak of mu at the end of the build-up; nan if it is not resolved
     mu_sticking_se: float = NAN
-    normal_force_N_m: float = NAN  # closed mean of Eq. (8) over the arc [N/m]
-    temperature_degC: float = NAN  # mean over the plateau [°C]
+    normal_force_N_m: float = NAN  # closed mean of Eq. (8) over the arc
+    temperature_degC: float = NAN  # mean over the plateau
     n_samples: int = 0  # samples of the plateau
-    status: str = ""
-    """"ok", or why the run was rejected."""
-    mu_sticking_reason: str = "the run was set aside"
-    """Why mu_sticking is missing; empty if it is given."""
-    imbalance_N: float = NAN  # Tight minus slack cell at rest, as recorded [N]
+    status: str = ""  # "ok", or why the run was rejected
+    mu_sticking_reason: str = "the run was set aside"  # why mu_sticking is missing; or empty
+    imbalance_N: float = NAN  # Tight minus slack cell at rest, as recorded
     imbalance_se_N: float = NAN
-    held: float = NAN  # imbalance that the cells do not explain, over the initial tension [-]
-    rest_N: tuple[float, float] = (NAN, NAN)  # readings of the tight and the slack span at rest [N]
+    held: float = NAN  # imbalance that the cells do not explain, over the initial tension
+    rest_N: tuple[float, float] = (NAN, NAN)  # readings of the tight and the slack span at rest
     take_up_m: float = NAN
-    """Travel of the pulley's surface during the build-up [m]; nan if the record does not resolve
-    it."""
-    start_time_s: float = NAN  # first sample at which the pulley turns [s]
-    peak_time_s: float = NAN  # time of the sticking peak [s]
+    """Travel of the pulley's surface during the build-up; nan if the record does not resolve it."""
+    start_time_s: float = NAN  # first sample at which the pulley turns
+    peak_time_s: float = NAN  # time of the sticking peak
     plateau_start_s: float = NAN
     plateau_end_s: float = NAN
     n_spikes: int = 0  # samples of either channel excluded as spikes
     n_missing: int = 0  # samples without a usable tension
     drift: float = NAN
-    """Relative change of mu by drift over the sliding phase [-], as far as the noise allows."""
+    """Relative change of mu by drift over the sliding phase, as far as the noise allows."""
     shared_tail: float = NAN
-    """Change of ln mu by one standard deviation of the tail shape, an error common to all runs
-    [-]."""
-    shared_drift: float = NAN  # the same for a drift of the cells common to all runs [-]
-    shared_cells: float = NAN  # the same for zeros and gains of the cells [-]
+    """Changes of ln mu by one standard deviation of errors common to all runs: the tail shape, a
+    drift of the cells, zeros and gains of the cells."""
+    shared_drift: float = NAN
+    shared_cells: float = NAN
     converged: bool = True  # whether the search for the noise of the bench ended
     swapped: bool = False  # whether the columns of the tight and the slack cell were swapped
     notes: tuple[str, ...] = ()  # remarks on the run for the user
@@ -395,13 +338,6 @@ class RunReduction:
         """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
 
         A friction coefficient or a normal force that the tensions do not give is nan.
-
-        Parameters
-        ----------
-        tight, slack : float
-            Tensions of both spans [N].
-        R : float
-            Radius of the belt's centreline on the pulley [m].
         """
         self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
         self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
@@ -416,14 +352,12 @@ class RunRecord:
     time_s: Array
     tension_tight_N: Array
     tension_slack_N: Array
-    pulley_speed_rad_s: Array
+    pulley_speed_rad_s: Array  # relative to the belt
     temperature_degC: Array | None = None
-    defect: str = ""
-    """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
+    defect: str = ""  # why it cannot be a single run, e.g. a nominal setting changes
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
-    result: RunReduction = field(default_factory=RunReduction)
-    """What is known of the run before its reduction."""
-    belt_speed_m_s: float = 0.0  # speed of the belt; the pulley speed is relative to it [m/s]
+    result: RunReduction = field(default_factory=RunReduction)  # what is known before
+    belt_speed_m_s: float = 0.0
 
 
 def arc_problem(arc_deg: float) -> str:
@@ -459,6 +393,7 @@ def run_records(
         If a channel of the kind is missing.
     """
     numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
+    kind = kind.found_in(numbers)
     texts = {k: np.asarray(columns[k], object) for k in ("idle", *TEXTS) if k in columns}
     labels = np.array([_text(label) for label in np.asarray(columns["run"]).tolist()], object)
     _, first, code = np.unique(labels.astype(str), return_index=True, return_inverse=True)
@@ -484,15 +419,14 @@ def _text(label: Any) -> str:
 
 def _record(
     label: str,
-    columns: dict[str, Array],
+    columns: Columns,
     described: Mapping[str, str],
     R: float,
     kind: RigKind,
     drag: Drag | None,
 ) -> RunRecord:
     """Build the record of one run; a nominal setting that changes within it is a defect."""
-    if kind.is_derived:
-        kind = kind.found_in(columns)
+    kind = kind if kind.weighs else kind.of_run(columns)
     nominal, defects = dict.fromkeys(NOMINAL, NAN), []
     for name in NOMINAL:
         values = columns.get(name, np.full(1, NAN))
@@ -500,45 +434,29 @@ def _record(
         changed = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
         if changed.size:
             defects.append(f"{name} changes within the run from {first:g} to {changed[0]:g}")
+    T_0 = nominal["initial_tension_N"]
     run = RunReduction(
         run=label,
         arc_deg=nominal["arc_deg"],
-        nominal_tension_N=nominal["initial_tension_N"],
+        nominal_tension_N=nominal["weight_N"] if kind.weight and np.isnan(T_0) else T_0,
         torque_with=kind.span_beside_torque,
-        drag_N_m=drag_range(kind, drag),
         condition=described.get("condition"),
         side=described.get("side"),
     )
-    missing = np.empty(0)
+    if drag is not None and kind.has_torque:
+        run.drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+    tight, slack = kind.tensions(columns, run.arc_deg, R, drag)
     record = RunRecord(
         time_s=columns["time_s"],
-        tension_tight_N=columns.get("tension_tight_N", missing),
-        tension_slack_N=columns.get("tension_slack_N", missing),
-        pulley_speed_rad_s=columns["pulley_speed_rad_s"],
+        tension_tight_N=tight,
+        tension_slack_N=slack,
+        pulley_speed_rad_s=kind.relative_speed(columns, R),
         temperature_degC=columns.get("temperature_degC"),
         defect="; ".join(defects) or arc_problem(run.arc_deg),
         kind=kind,
         result=run,
     )
-    if not kind.is_derived:
-        return record
-    # an exact zero of a cell is a lost reading
-    cells = {name: columns[name] for name in CELLS if name in columns}
-    columns |= {name: np.where(values == 0.0, NAN, values) for name, values in cells.items()}
-    tensions = kind.tensions(columns, run.arc_deg, R, drag)
-    record.tension_tight_N, record.tension_slack_N = tensions
-    record.pulley_speed_rad_s = kind.relative_speed(columns, R)
-    record.kind = replace(kind, cells=PERFECT)  # known errors are already corrected
-    if kind.weight is not None and np.isnan(run.nominal_tension_N):
-        run.nominal_tension_N = nominal["weight_N"]
     if kind.running:
-        record.belt_speed_m_s = float(np.nanmedian(kind.belt_speed(columns)))
+        record.belt_speed_m_s = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
         run.momentum_N = float(kind.momentum_N(record.belt_speed_m_s))
     return record
-
-
-def drag_range(kind: RigKind, drag: Drag | None) -> tuple[float, float] | None:
-    """Return the lowest and the highest drag that is subtracted from a torque [N m]."""
-    if drag is None or not kind.has_torque:
-        return None
-    return float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))

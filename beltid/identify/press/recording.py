@@ -1,9 +1,8 @@
 """Press test: clean it, split it into cycles, and find the curve midway between both branches.
 
 Hysteresis of the belt raises the loading branch and lowers the unloading branch by as much, so the
-elastic law of Eq. (3) is the curve midway between them *at equal penetration*. Both branches are
-interpolated to common positions first, so that the slower branch, which has more samples, does not
-get more weight. Positions and forces rise while the crosshead compresses the belt.
+elastic law of Eq. (3) is the curve midway between them *at equal penetration*: both are first
+interpolated to common positions. Positions and forces rise while the belt is compressed.
 """
 
 from __future__ import annotations
@@ -67,25 +66,23 @@ class PressTest:
 
     label: str
     temperature_degC: float  # nan if unknown
-    travel_m: Array  # crosshead travel, rising in compression
-    position_m: Array  # travel minus the deflection of the machine
+    position_m: Array  # crosshead travel, rising in compression, less the deflection of the machine
     force_N: Array  # compressive, zero of the load cell subtracted
     travel_sign: float  # -1 if the recorded travel falls in compression, else 1
-    position_noise_m: float  # standard deviations of the white noise
-    force_noise_N: float
+    force_noise_N: float  # standard deviation of the white noise
     zero_u_N: float  # standard uncertainty of the zero, half of its drift during the test included
     n_missing: int
     n_spikes: int
     notes: tuple[str, ...]  # changes to the data, for the user
-    cycles: tuple[PressCycle, ...] = ()  # in time order
+    cycles: tuple[PressCycle, ...]  # in time order
 
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
-    `part` holds ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
-    order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
-    travel, no contact, a test that begins in contact, or a clipped load cell.
+    `part` holds the columns in time order, (n,) each; nan where missing. Raises
+    :class:`InputError` for too few samples, no travel, no contact, a test that begins in contact,
+    or a clipped load cell.
     """
     samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples).all(axis=0)
@@ -123,11 +120,9 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     return PressTest(
         label=label,
         temperature_degC=float(np.median(temperatures)) if temperatures.size else float("nan"),
-        travel_m=travel,
         position_m=position,
         force_N=force,
         travel_sign=travel_sign,
-        position_noise_m=difference_sigma(position, 2),
         force_noise_N=noise,
         zero_u_N=math.hypot(zero_se, 0.5 * drift),
         n_missing=int(missing.sum()),
@@ -233,8 +228,8 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     """Find the samples where the crosshead reverses, including start and end.
 
-    `threshold` is the smallest return travel that counts as a reversal, in the unit of `travel`: it
-    must exceed noise and creep during a hold.
+    A return travel above the threshold, in the unit of `travel`, counts as a reversal: it must
+    exceed noise and creep during a hold.
     """
     turns: list[int] = []
     low = high = direction = 0
@@ -282,10 +277,7 @@ def find_cycles(travel: Array, force: Array) -> tuple[PressCycle, ...]:
 def choose_cycles(
     cycles: tuple[PressCycle, ...], choice: CycleChoice
 ) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
-    """Select the cycles of a test for the fit; return them and notes for the user.
-
-    ``last`` is the belt conditioned by the earlier cycles; ``first`` is virgin rubber.
-    """
+    """Select the cycles of a test for the fit, with notes for the user."""
     selection = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
     kept = (complete or cycles)[selection]
@@ -312,6 +304,11 @@ class BranchSamples:
     position_m: Array
     force_N_m: Array
 
+    def within(self, low: float, high: float) -> BranchSamples:
+        """Return the samples between two positions [m]."""
+        inside = (self.position_m >= low) & (self.position_m <= high)
+        return BranchSamples(self.name, self.position_m[inside], self.force_N_m[inside])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
@@ -319,16 +316,14 @@ class PressCurve:
 
     recorded: PressTest
     cycle: int
-    position_m: Array  # common positions without machine compliance, shape (m,)
-    middle_N_m: Array  # midway between the branches, shape (m,)
+    position_m: Array  # common positions without machine compliance, (m,)
+    middle_N_m: Array  # midway between the branches, (m,)
     turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
     branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded
     fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
     touch_m: float  # position where the loading branch begins to carry force
     top_position_m: float  # largest position in the cycle
     top_force_N_m: float
-    dissipated_J_m: float  # work lost in the loop, nan if never unloaded
-    stored_J_m: float  # work of the loading branch, nan if never unloaded
     zero_u_N_m: float  # standard uncertainty of the zero of the load cell
 
     @property
@@ -340,6 +335,17 @@ class PressCurve:
     def unloads(self) -> bool:
         """True if both branches were recorded."""
         return len(self.branches) == 2
+
+    @property
+    def work_J_m(self) -> tuple[float, float]:
+        """Work lost in the loop and work of loading over common positions, if unloaded."""
+        low = max(float(np.min(b.position_m)) for b in self.branches)
+        high = min(float(np.max(b.position_m)) for b in self.branches)
+        up, down = (
+            abs(float(np.trapezoid(b.force_N_m, np.clip(b.position_m, low, high))))
+            for b in self.branches
+        )
+        return up - down, up
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,16 +362,14 @@ class PressRecording:
 def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
     """Clean the tests of a recording, select their cycles and build the curves.
 
-    `press` holds the columns ``test``, ``displacement_mm``, ``force_N`` and, if known,
-    ``temperature_degC``, shape (n,) each, checked when they were read; nan where missing. Raises
-    :class:`InputError`, with all problems, if no test can be used.
+    `press` holds ``test``, ``displacement_mm``, ``force_N`` and, if known, ``temperature_degC``,
+    (n,) each, nan where missing. Raises :class:`InputError`, with all problems, if no test can be
+    used.
     """
     labels = np.asarray(press["test"]).astype(str)
     unknown = {"temperature_degC": np.full(labels.size, np.nan)}
     columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
-    curves: list[PressCurve] = []
-    notes: list[str] = []
-    set_aside: list[tuple[str, str]] = []
+    curves, notes, set_aside = list[PressCurve](), list[str](), list[tuple[str, str]]()
     for label in dict.fromkeys(labels.tolist()):
         part = {name: values[labels == label] for name, values in columns.items()}
         try:
@@ -376,10 +380,10 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
         notes += [f"test {label}: {text}" for text in (*test.notes, *cycle_notes)]
-    if any(c.unloads for c in curves):
+    if unloading := [c for c in curves if c.unloads]:
         loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
-        curves = [c for c in curves if c.unloads]
+        curves = unloading
     if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     used = {c.test: c.recorded for c in curves}
@@ -393,37 +397,29 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
 
 
 def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
-    """Build the curve of one cycle of a cleaned test.
-
-    Raises :class:`InputError` if a branch has too few samples in contact.
-    """
+    """Build the curve of one cycle; `InputError` if a branch has too few samples in contact."""
+    parts = {"loading": cycle.loading, "unloading": cycle.unloading}
+    if not cycle.complete:
+        del parts["unloading"]
+    force = test.force_N / segment_length_m
+    branches = tuple(BranchSamples(n, test.position_m[p], force[p]) for n, p in parts.items())
+    least = max(CONTACT_SHARE * cycle.peak_force_N, 6.0 * test.force_noise_N)
+    threshold = least / segment_length_m
     # stay five standard deviations off the ends, where noise decides which samples belong
-    margin = 5.0 * test.position_noise_m
-    parts = (cycle.loading, cycle.unloading)
-    branches = tuple(
-        BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-        for name, part in zip(("loading", "unloading")[: 1 + cycle.complete], parts, strict=False)
-    )
-    noise = test.force_noise_N / segment_length_m
-    threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
-    low = max(_contact_begin(b, threshold) for b in branches) + margin
-    high = min(_steady_max(b.position_m) for b in branches) - margin
-    inside = [(b.position_m >= low) & (b.position_m <= high) for b in branches]
-    fitted = tuple(
-        BranchSamples(b.name, b.position_m[k], b.force_N_m[k])
-        for b, k in zip(branches, inside, strict=True)
-    )
+    noise_m = difference_sigma(test.position_m, 2)
+    low = max(_contact_begin(b, threshold) for b in branches) + 5.0 * noise_m
+    high = min(_steady_max(b.position_m) for b in branches) - 5.0 * noise_m
+    fitted = tuple(b.within(low, high) for b in branches)
     fewest = min(b.position_m.size for b in fitted)
     if fewest < MIN_BRANCH_SAMPLES:
         counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)
         raise InputError(
             f"cycle {cycle.number}: {counts} samples in contact and beyond the noise of the travel "
-            f"({test.position_noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
+            f"({noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
             "branch"
         )
     edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, MOST_NODES)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
-    dissipated, stored = _loop_energies(branches)
     return PressCurve(
         recorded=test,
         cycle=cycle.number,
@@ -435,8 +431,6 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         touch_m=_contact_begin(branches[0], threshold),
         top_position_m=max(_steady_max(b.position_m) for b in branches),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
-        dissipated_J_m=dissipated,
-        stored_J_m=stored,
         zero_u_N_m=test.zero_u_N / segment_length_m,
     )
 
@@ -479,15 +473,3 @@ def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
         missing = np.polynomial.Polynomial.fit(s[~turns], half[~turns], 2)(s) - half
         turns &= missing > 4.0 * np.std(missing[~turns])
     return np.where(turns, np.where(low, -missing, missing), 0.0)
-
-
-def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
-    """Return the work lost in the loop and the work of loading [J/m] over common positions."""
-    if len(branches) < 2:
-        return float("nan"), float("nan")
-    low = max(float(np.min(b.position_m)) for b in branches)
-    high = min(float(np.max(b.position_m)) for b in branches)
-    up, down = (
-        abs(float(np.trapezoid(b.force_N_m, np.clip(b.position_m, low, high)))) for b in branches
-    )
-    return up - down, up

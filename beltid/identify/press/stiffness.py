@@ -20,7 +20,7 @@ What no press recording shows (virgin rubber, slower or faster loading) is for t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -47,10 +47,8 @@ SEGMENT = Size(1e-4, 2.0, 0.3)
 TEMPERATURE = Size(3e-3, 2.0, 0.3)
 MISFIT = Size(3e-6, 2.0, 0.3)
 """Priors of the sizes, as shares of the force (SEGMENT, TEMPERATURE per 50 K) or of its largest."""
-REVERSAL = Size(1.0)
-"""Of the part of the missing width of the loop that is due to a reversal."""
-LOOP = Size(0.1)
-"""Half the loop of a belt that was never unloaded, over the force: half of 20 %."""
+REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
+LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
 CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
 SMOOTH: Final = 0.15  # length of the misfit
@@ -69,8 +67,7 @@ class LawEstimate:
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
     covariance: tuple[float, float, float, float]  # of both coefficients, row by row
-    temperature_slope: tuple[float, float]
-    """Relative change of the force per K, and its standard error."""
+    temperature_slope: tuple[float, float]  # relative change of the force per K, standard error
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
     rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
@@ -101,44 +98,28 @@ class LawEstimate:
         return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Scaled:
     """Nodes of the curves, padded to (R, m): positions over the span, forces over the largest."""
 
-    x: Array
-    f: Array
-    used: Array  # 1 for a node, 0 for padding
-    zero: Array  # uncertainty of the zeros (R, 1)
-    warmer: Array  # (T - T_ref)/50 K, (R, 1)
-    noise: float  # of a node, from differences between neighbours
-    span: float
-    top: float
-    unloads: bool
-    turn: Array  # what a reversal may add (R, m)
-
-    @classmethod
-    def of(cls, curves: Sequence[PressCurve], reference_degC: float) -> _Scaled:
-        """Scale the curves."""
-        span = max(c.top_position_m - c.touch_m for c in curves)
-        top = max(c.top_force_N_m for c in curves)
+    def __init__(self, curves: Sequence[PressCurve], reference_degC: float) -> None:
+        self.span = max(c.top_position_m - c.touch_m for c in curves)
+        self.top = top = max(c.top_force_N_m for c in curves)
         m = max(c.position_m.size for c in curves)
-        rows = [np.pad(np.ones(c.position_m.size), (0, m - c.position_m.size)) for c in curves]
+
+        def padded(values: Iterable[Array]) -> Array:
+            return np.array([np.pad(x, (0, m - x.size)) for x in values])
+
+        self.used = padded(np.ones(c.position_m.size) for c in curves)  # 0 for padding
         # positions from where the force begins: numbers of order one
-        x = [(c.position_m - c.touch_m) / span for c in curves]
+        self.x = padded((c.position_m - c.touch_m) / self.span for c in curves)
+        self.f = padded(c.middle_N_m / top for c in curves)
+        self.turn = padded(c.turn_N_m / top for c in curves)  # what a reversal may add
+        self.zero = np.array([[c.zero_u_N_m / top] for c in curves])  # uncertainties (R, 1)
+        warmer = [[c.recorded.temperature_degC - reference_degC] for c in curves]
+        self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
-        warmer = [c.recorded.temperature_degC - reference_degC for c in curves]
-        return cls(
-            x=np.array([np.pad(v, (0, m - v.size), mode="edge") for v in x]),
-            f=np.array([np.pad(c.middle_N_m / top, (0, m - c.position_m.size)) for c in curves]),
-            used=np.array(rows),
-            zero=np.array([[c.zero_u_N_m / top] for c in curves]),
-            warmer=PER_KELVIN * np.nan_to_num(np.array(warmer)[:, None]),
-            noise=max(float(np.median(noise)) / top, ROUNDING),
-            span=span,
-            top=top,
-            unloads=curves[0].unloads,
-            turn=np.array([np.pad(c.turn_N_m / top, (0, m - c.turn_N_m.size)) for c in curves]),
-        )
+        self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
+        self.unloads = curves[0].unloads
 
     def start(self) -> tuple[Array, Array]:
         """Return k and contact points from a parabola through every curve (closed form)."""
@@ -218,27 +199,13 @@ def fit_law(
     known: Sizes | None = None,
     temperature_degC: float | None = None,
 ) -> LawEstimate:
-    """Fit the law to the curves of one or several tests.
+    """Fit the law to curves of one bench, at a reference temperature [°C] (nan: none is sought).
 
-    Parameters
-    ----------
-    curves : sequence of PressCurve
-        Curves of one bench.
-    reference_degC : float
-        Temperature of the law [°C]; nan: an influence of temperature is not looked for.
-    known : mapping of str to float, optional
-        Sizes of effects that are known from more curves of the bench.
-    temperature_degC : float, optional
-        Mean temperature of the curves [°C]; none of a pooled law.
-
-    Raises
-    ------
-    FitError
-        If the force does not rise, or does not follow Eq. (3) with coefficients >= 0.
-    NumericsError
-        If the fit does not converge.
+    Sizes of effects may be `known` from more curves of the bench; `temperature_degC` is the mean of
+    the curves, None for a pooled law. Raises `FitError` if the force does not rise or does not
+    follow Eq. (3) with coefficients >= 0, and `NumericsError` if the fit does not converge.
     """
-    data = _Scaled.of(curves, reference_degC)
+    data = _Scaled(curves, reference_degC)
     start, contact = data.start()
     free = start > 0.0
     if not free.all():  # refused before the noise of such a fit is looked for
@@ -274,8 +241,8 @@ def fit_law(
         for b in c.fitted
     ]
     covariance = (covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit)
-    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
-    loss = max(float(np.divide(*work.sum(axis=0))), 0.0) if work.size else math.nan
+    work = np.sum([c.work_J_m for c in curves if c.unloads], axis=0)
+    loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
     depth = float(np.max([c.top_position_m for c in curves] - contact))
     notes, warnings = _findings(curves, misfit, note, posterior.sizes["segment"], depth)
     return LawEstimate(
@@ -363,13 +330,10 @@ LINE_FORCE_N_M = (1.0e2, 1.0e6)
 class StiffnessResult:
     """Results of a press recording."""
 
-    laws: tuple[LawEstimate, ...]
-    """One law per known temperature, ascending; empty if no temperature is known."""
+    laws: tuple[LawEstimate, ...]  # one per known temperature, ascending
     pooled: LawEstimate  # law at the reference temperature, from all tests
-    temperature_matters: bool | None
-    """Whether the influence of temperature is significant and relevant; None if not tested."""
-    quadratic_supported: bool
-    """Whether the quadratic law, with both terms, is all that the curves show."""
+    temperature_matters: bool | None  # significant and relevant; None if not tested
+    quadratic_supported: bool  # whether the law, with both terms, is all that the curves show
     recording: PressRecording  # curves used for the fits, and rejected tests
     notes: tuple[str, ...]  # for the user, without the warnings of the pooled law
 
@@ -417,14 +381,16 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
     """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
-    usable = [c for c in curves if math.isfinite(c.recorded.temperature_degC)]
+
+    def temperature(curve: PressCurve) -> float:
+        return curve.recorded.temperature_degC
+
     groups: list[list[PressCurve]] = []
-    for curve in sorted(usable, key=lambda c: c.recorded.temperature_degC):
-        first = groups[-1][0].recorded.temperature_degC if groups else -math.inf
-        if curve.recorded.temperature_degC - first >= SAME_TEMPERATURE_K:
+    for curve in sorted((c for c in curves if math.isfinite(temperature(c))), key=temperature):
+        if not groups or temperature(curve) - temperature(groups[-1][0]) >= SAME_TEMPERATURE_K:
             groups.append([])
         groups[-1].append(curve)
-    return {round(float(np.mean([c.recorded.temperature_degC for c in g])), 1): g for g in groups}
+    return {round(float(np.mean([temperature(c) for c in g])), 1): g for g in groups}
 
 
 def _temperature_effect(

@@ -63,12 +63,8 @@ class FrictionLawFit:
     @property
     def formula(self) -> FrictionFormula:
         """The law with the fitted parameters."""
-        return FrictionFormula(self.law, self.reference_force_N_m, self.values)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Values of the parameters by name."""
-        return {p.name: p.value for p in self.parameters}
+        values = {p.name: p.value for p in self.parameters}
+        return FrictionFormula(self.law, self.reference_force_N_m, values)
 
     @property
     def determined(self) -> bool:
@@ -99,9 +95,9 @@ class FrictionLaws:
     notes: tuple[str, ...] = ()  # laws that could not be fitted
 
     @property
-    def best(self) -> str:
-        """Law with the largest evidence."""
-        return min(self.fits, key=lambda fit: fit.criterion).law
+    def best(self) -> FrictionLawFit:
+        """Fit with the largest evidence."""
+        return min(self.fits, key=lambda fit: fit.criterion)
 
     @property
     def verdict(self) -> str:
@@ -113,7 +109,7 @@ class FrictionLaws:
                 f"{closest.law}, misses by {closest.misses}; take the surface itself, or a part of "
                 "the range."
             )
-        best = self.fit(self.best)
+        best = self.best
         text = (
             f"Best formula: {best.law}, {best.formula.text} (f in N/m, v in m/s), misfit "
             f"{best.misses}"
@@ -127,10 +123,6 @@ class FrictionLaws:
         if best is not coulomb:
             text += f". A constant coefficient misses by {coulomb.misses}"
         return text + "."
-
-    def fit(self, law: str) -> FrictionLawFit:
-        """Return the fit of one law."""
-        return next(f for f in self.fits if f.law == law)
 
 
 def fit_friction_laws(

@@ -4,13 +4,10 @@ Each contact arc and speed setting gives a curve over the normal force. Each arc
 over the range that it covers at all speeds. Simulations use the average over the arcs. A campaign
 is a grid if each arc was measured at each speed, and some arc covers the same forces at each.
 
-Some arcs end before others at low and at high force (Eq. 8). The plain mean over the remaining arcs
-would jump there by the difference between arcs, several percent, and the range that all of them
-cover would discard a fifth of the measured range of ln f. Beyond its last point, an arc is
-therefore continued *parallel* to the mean of the arcs that go on. Only measured arcs count in
-``n_arcs``. A continued arc can reach values that were never measured: every node is limited to the
-range of the friction coefficients of all runs at its speed (on the virtual benches this moves one
-or two nodes of the lowest force, by at most 1.2 %).
+Some arcs end before others at low and at high force (Eq. 8). So that the mean does not jump there,
+an arc is continued beyond its last point *parallel* to the mean of the arcs that go on. Only
+measured arcs count in ``n_arcs``, and every node is limited to the range of the friction
+coefficients of all runs at its speed.
 
 Standard error: arcs are a sample of contact lengths. With ``n`` measured arcs
 
@@ -82,9 +79,7 @@ class Curve:
     """Friction coefficient over normal force for one arc at one speed.
 
     The curve is a natural cubic spline of ln mu over ln f through its points, bounded like the
-    friction surface. It fits power laws exactly and does not smooth, as the arcs are averaged. It
-    predicts an omitted point of the virtual benches to 0.08 % RMS without noise and 0.36 % with
-    0.25 % noise; with not-a-knot ends, to 0.07 and 0.62 %.
+    friction surface. It fits power laws exactly and does not smooth, as the arcs are averaged.
     """
 
     arc_deg: float
@@ -92,8 +87,7 @@ class Curve:
     f: Array  # force of its points [N/m], ascending, (m,)
     mu: Array  # friction coefficient of the points [-]
     se: Array  # its standard error [-]
-    band: tuple[float, float]
-    """Lowest and highest measured friction coefficient of its runs [-]."""
+    band: tuple[float, float]  # lowest and highest measured friction coefficient of its runs [-]
 
     def covers(self, force: Array) -> NDArray[np.bool_]:
         """Return whether forces [N/m] lie between the first and the last point."""
@@ -125,10 +119,8 @@ class Curve:
 class Grid:
     """Curves of a campaign: a row of arcs for each speed."""
 
-    by_speed: tuple[tuple[Curve, ...], ...]
-    """Curves at each speed, ascending, in the order of the arcs."""
-    force: tuple[float, float]
-    """First and last force that some arc covers at every speed [N/m]; equal for one tension."""
+    by_speed: tuple[tuple[Curve, ...], ...]  # at each speed, ascending, in the order of the arcs
+    force: tuple[float, float]  # first and last that some arc covers at every speed [N/m]
     notes: tuple[str, ...] = ()  # runs that were averaged
 
     @property
@@ -143,13 +135,7 @@ class Grid:
 
 
 def grid_of(points: Points) -> Grid | None:
-    """Group points into curves at the common speed of their setting; None if they are no grid.
-
-    Parameters
-    ----------
-    points : Points
-        Valid points, at least one.
-    """
+    """Group points into curves at the common speed of their setting; None if they are no grid."""
     at_speed, at_arc = settings_of(points.v, SPEED_GAP), points.arc_label
     n_speeds, n_arcs = int(at_speed.max()) + 1, int(at_arc.max()) + 1
     groups = [points.v[at_speed == k] for k in range(n_speeds)]
@@ -247,17 +233,8 @@ class SurfaceGrid:
 def average(grid: Grid, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...]]:
     """Build the surface through the mean of all arcs of a grid, or through its only arc.
 
-    Parameters
-    ----------
-    grid : Grid
-        Curves of one or several arcs.
-    errors_known : bool
-        Whether the standard errors of the points are known.
-
-    Returns
-    -------
-    surface, notes : SurfaceGrid, tuple of str
-        The notes name repetitions, arcs that never overlap, and limited nodes.
+    The notes name repetitions, arcs that never overlap, and limited nodes. `errors_known` says
+    whether the standard errors of the points are.
     """
     nodes, notes = _force_nodes(grid), list(grid.notes)
     mu, filled = (np.array(x).transpose(1, 2, 0) for x in _on_nodes(grid, nodes))
@@ -384,8 +361,7 @@ class SurfaceResult:
     arcs: tuple[SurfaceGrid, ...]  # surface of each arc over its own range
     n_points: int  # number of points used
     set_aside: tuple[str, ...]  # rejected points, each with the reason
-    notes: tuple[str, ...]
-    """Remarks for the user: missing combinations, repetitions, degrees of interpolation."""
+    notes: tuple[str, ...]  # for the user
 
     @property
     def surface(self) -> FrictionSurface:
@@ -438,15 +414,19 @@ def build_surface(
     Raises
     ------
     InputError
-        If arrays differ in length, or no surface can be built from the points.
+        If no surface can be built from the points.
     """
-    points, set_aside, notes, errors_known = _valid_points(
-        arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
-    )
+    columns = {
+        "arc_deg": np.asarray(arc_deg, dtype=float),
+        "normal_force_N_m": np.asarray(normal_force_N_m, dtype=float),
+        "slip_speed_m_s": np.abs(np.asarray(slip_speed_m_s, dtype=float)),
+        "mu": np.asarray(mu, dtype=float),
+    }
+    points, set_aside, notes, errors_known = _valid_points(columns, mu_se)
     grid, grid_notes = grid_through(points, errors_known)
     notes += grid_notes
     arcs, curves = [], grid_of(points)
-    for of_speeds in () if curves is None else zip(*curves.by_speed, strict=True):
+    for of_speeds in zip(*curves.by_speed, strict=True) if curves else ():
         rows = tuple((curve,) for curve in of_speeds)
         force, arc = _common_range(rows), of_speeds[0].arc_deg
         if force is None:
@@ -462,10 +442,7 @@ def build_surface(
 def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, tuple[str, ...]]:
     """Return the averaged surface through points, with notes: of a grid, or of scattered runs.
 
-    Raises
-    ------
-    InputError
-        If there are too few points for a surface.
+    Raises `InputError` if there are too few points.
     """
     curves = grid_of(points)
     if curves is not None:
@@ -475,23 +452,11 @@ def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid
 
 
 def _valid_points(
-    arc_deg: ArrayLike, f: ArrayLike, v: ArrayLike, mu: ArrayLike, mu_se: ArrayLike | None
+    arrays: dict[str, Array], mu_se: ArrayLike | None
 ) -> tuple[Points, list[str], list[str], bool]:
     """Return usable points, rejected ones, notes, and whether the errors are known."""
-    inputs = {"arc_deg": arc_deg, "normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
-    if mu_se is not None:
-        inputs["mu_se"] = mu_se
-    arrays = {name: np.asarray(values, dtype=float) for name, values in inputs.items()}
     n = arrays["mu"].size
-    problems = [
-        f"{name}: shape {a.shape}, must be ({n},) like mu"
-        for name, a in arrays.items()
-        if a.shape != (n,)
-    ]
-    if problems:
-        raise InputError(problems)
-    se = arrays.pop("mu_se", np.full(n, np.nan))
-    arrays["slip_speed_m_s"] = np.abs(arrays["slip_speed_m_s"])
+    se = np.full(n, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float)
     reasons = [
         ", ".join(f"{name} = {a[k]:g}" for name, a in arrays.items() if not 0.0 < a[k] < np.inf)
         for k in range(n)
@@ -501,35 +466,26 @@ def _valid_points(
     if not usable.any():
         problem = f"no point for a friction surface among {n}, at least one is needed"
         raise InputError([problem, *set_aside])
-    has_error = np.isfinite(se) & (se >= 0.0)
-    notes = []
-    if not (has_error & usable).any():
+    has_error, notes = np.isfinite(se) & (se >= 0.0), []
+    known = has_error & usable
+    if not known.any():
         notes.append("no standard errors of mu given: the surface's are from the spread of arcs")
         se = np.zeros(n)
     elif not has_error[usable].all():
-        typical = float(np.median(se[has_error & usable]))
+        typical = float(np.median(se[known]))
         notes.append(
             f"{int((~has_error & usable).sum())} points without a standard error: {typical:.3g} "
             "(median of the others) taken"
         )
         se = np.where(has_error, se, typical)
     points = Points(*(a[usable] for a in (*arrays.values(), se)))
-    return points, set_aside, notes, bool((has_error & usable).any())
+    return points, set_aside, notes, bool(known.any())
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
-    """Read the averaged surface from a surface table.
+    """Read the averaged surface from a surface table, whose rows of the average have no arc_deg.
 
-    Parameters
-    ----------
-    columns : mapping of str to array_like
-        Columns arc_deg, normal_force_N_m, slip_speed_m_s, mu and optionally mu_se; the rows of the
-        average have ``arc_deg`` nan.
-
-    Raises
-    ------
-    InputError
-        If a column or the average is missing, or the averaged rows do not form a complete grid.
+    Raises `InputError` if a column or the average is missing, or its rows form no complete grid.
     """
     required = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu")
     missing = [f"surface: column {name} is missing" for name in required if name not in columns]
@@ -554,15 +510,7 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     """Estimate the surface from all runs together; return it with a note.
 
-    Parameters
-    ----------
-    points : Points
-        The runs.
-
-    Raises
-    ------
-    InputError
-        If there are too few runs, or they have one force only.
+    Raises `InputError` if there are too few runs, or they have one force only.
     """
     n = points.f.size
     if n < FEWEST_RUNS or points.f.max() < (1.0 + EDGE) * points.f.min():
