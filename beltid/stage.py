@@ -374,7 +374,7 @@ class Stage:
         """Refuse a place that is not for the result; return the artifact that is there."""
         from beltid.errors import ArtifactError
         from beltid.store.artifact import read_artifact, stated_kind
-        from beltid.store.place import FOREIGN, OURS, anyone_s, check_place
+        from beltid.store.disk import FOREIGN, OURS, anyone_s, check_place
 
         named = {
             f"{kind} recording of the config": p for kind, p in source.config.data.files.items()
@@ -402,8 +402,7 @@ class Stage:
     def _read(self, work: Work) -> dict[str, Any]:
         """Read the inputs; refuse artifacts that do not fit together."""
         from beltid.bench.recording import read_recording
-        from beltid.store.artifact import Artifact, read_artifact
-        from beltid.store.together import refuse_misfits
+        from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
 
         config, items = work.source.config, dict[str, Any]()
         for role, file in work.files.items():
@@ -421,9 +420,14 @@ class Stage:
     def _write(
         self, work: Work, outcome: Outcome[Any], items: Mapping[str, Any], out: Path
     ) -> Artifact:
-        from beltid.store.artifact import Artifact, combined_origin, plain, write_artifact
+        from beltid.store.artifact import (
+            Artifact,
+            ancestors_of,
+            combined_origin,
+            plain,
+            write_artifact,
+        )
         from beltid.store.disk import sha256, source_sha256, write_bytes
-        from beltid.store.together import ancestors_of
 
         config, path, files = work.source.config, work.source.path, work.files
         artifacts = [item for item in items.values() if isinstance(item, Artifact)]

@@ -46,8 +46,7 @@ def print_text(work: Callable[[], str], common: Common, endings: tuple[str, ...]
             with _stdout():
                 print(text, end="", flush=True)
         else:
-            from beltid.store.disk import write_text
-            from beltid.store.place import anyone_s, check_place
+            from beltid.store.disk import anyone_s, check_place, write_text
 
             check_place(out, endings, anyone_s, force=common.force)
             write_text(out, text)

@@ -24,8 +24,7 @@ from beltid.report.summary import Summary
 from beltid.stages.columns import finite_or_none
 from beltid.stages.planned_runs import nominal_settings
 from beltid.store.artifact import plain
-from beltid.store.disk import write_text
-from beltid.store.place import anyone_s, check_place
+from beltid.store.disk import anyone_s, check_place, write_text
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
