@@ -12,7 +12,7 @@ from typing import Any, Final
 import beltid.stages.steps  # noqa: F401  makes the stages known
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
-from beltid.notes import Prefix, log, prefixed
+from beltid.notes import log, prefixed
 from beltid.report.view import summary_of
 from beltid.stage import STAGES, Stage
 from beltid.stages.about import WITHOUT, lacking
@@ -166,7 +166,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
     """Run the chain of a belt; a step that fails does not stop those that do not need it."""
     chain, files = chain_of(source.config), dict(source.config.data.files)
     belt = Belt(source.name, states_at_first(chain, files), tuple(lacking(source.config)))
-    with prefixed(Prefix(f"{source.name}: ")):
+    with prefixed(f"{source.name}: "):
         synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
         log.info("config %s%s, results in %s", source.origin, synthetic, folder)
         for kind in belt.lacking:
@@ -227,7 +227,7 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
     if not belt.facts:
         return
     shown, out = OnPage(folder, source.config, belt.made, belt.failures), folder / NAME
-    with prefixed(Prefix(f"{source.name}: ")):
+    with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE

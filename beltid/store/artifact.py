@@ -245,7 +245,7 @@ def may_be_artifact(path: Path) -> bool:
 
 def stated_kind(path: Path) -> str | None:
     """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
-    return _kind_in(path.read_bytes())
+    return _kind_in(path.read_bytes()) if path.is_file() else None
 
 
 def _kind_in(data: bytes) -> str | None:
@@ -257,12 +257,9 @@ def _command(kind: str) -> str:
     return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"
 
 
-def ancestors_of(inputs: Iterable[Artifact]) -> dict[str, str]:
-    """Return the SHA-256 of artifacts and of all that they were made from."""
-    found: dict[str, str] = {}
-    for artifact in inputs:
-        found |= artifact.ancestors | {artifact.name: artifact.sha256}
-    return found
+def ancestors_of(artifact: Artifact) -> dict[str, str]:
+    """Return the SHA-256 of an artifact and of all that it was made from, by name."""
+    return artifact.ancestors | {artifact.name: artifact.sha256}
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
