@@ -28,7 +28,7 @@ from beltid.bench.mapping import (
 from beltid.bench.options import DIALECT, ReadOptions
 from beltid.bench.raw import Field, Raw
 from beltid.bench.vocabulary import roles_meant
-from beltid.config.name_pattern import name_pattern, number
+from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Column, Table
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS
@@ -157,7 +157,9 @@ class Settings:
             by = conversion(unit, column.unit)
             try:
                 if column.dtype != "string":
-                    found[role] = by.apply(number(values[role])) if by else float("unknown unit")
+                    found[role] = (
+                        by.apply(number_in_name(values[role])) if by else float("unknown unit")
+                    )
             except ValueError:
                 where = f'{place}: {role} = "{values[role]}" in the name'
                 self.needs.problems.add(f"{where}, must be a number in {unit}")
