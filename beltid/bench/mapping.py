@@ -23,7 +23,7 @@ from beltid.bench.vocabulary import roles_meant, simplified, span_of
 from beltid.config.model import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
-from beltid.tables.columns import Column, Table
+from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
     CONVERSIONS,
     Calibration,

@@ -30,8 +30,7 @@ from beltid.bench.raw import Field, Raw
 from beltid.bench.vocabulary import roles_meant
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.columns import Column, Table
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS, Column, Table
 from beltid.tables.units import conversion
 from beltid.tables.values import absent, is_missing, shown_value
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
@@ -177,19 +177,6 @@ def _steps() -> dict[str, Any]:
     return {name: step for name, step in STAGES.items() if step.is_command}
 
 
-class PlainCommand(TyperCommand):
-    """Command whose help avoids the braces and type names of typer."""
-
-    def get_help(self, ctx: Any) -> str:
-        """Return the help of the command."""
-        text: str = super().get_help(ctx)
-        return text.replace("<list[Path]>", "<path>      ")
-
-    def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the arguments without braces, which look like alternatives."""
-        return [re.sub("[{}]", "", piece) for piece in super().collect_usage_pieces(ctx)]
-
-
 def plain_typer(**about: Any) -> typer.Typer:
     """Create a group of commands without colours and boxes."""
     settings = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
@@ -261,7 +248,7 @@ def register(
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
     called.__doc__ = text
-    of.command(name, cls=PlainCommand, short_help=short, epilog=SEE)(called)
+    of.command(name, short_help=short, epilog=SEE)(called)
 
 
 def _kind(stage: Any, role: str) -> str:

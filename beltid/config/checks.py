@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
-from beltid.tables.columns import interval
+from beltid.tables.schemas import interval
 from beltid.tables.units import allowed_units, calibration, conversion
 
 FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
