@@ -11,7 +11,6 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 from beltid.errors import BeltidWarning
@@ -20,15 +19,8 @@ log: Final = logging.getLogger("beltid")
 log.addHandler(logging.NullHandler())
 
 
-@dataclass(frozen=True, slots=True)
-class Prefix:
-    """What stands before the notes of a belt, and the warnings that were given already."""
-
-    text: str
-    warned: set[str] = field(default_factory=set)
-
-
-_prefix: ContextVar[Prefix] = ContextVar("prefix", default=Prefix(""))  # noqa: B039
+_prefix: ContextVar[tuple[str, set[str]]] = ContextVar("prefix", default=("", set()))
+"""What stands before the notes of a belt, and the warnings that were given already."""
 
 
 class _Prefixed(logging.Filter):
@@ -36,14 +28,14 @@ class _Prefixed(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Change the message of a record; drop a repeated warning."""
-        prefix, text = _prefix.get(), record.getMessage()
-        if not prefix.text or hasattr(record, "progress"):
+        (prefix, warned), text = _prefix.get(), record.getMessage()
+        if not prefix or hasattr(record, "progress"):
             return True
         if record.levelno == logging.WARNING:
-            if text in prefix.warned:
+            if text in warned:
                 return False
-            prefix.warned.add(text)
-        record.msg, record.args = f"{prefix.text}{text}", ()
+            warned.add(text)
+        record.msg, record.args = f"{prefix}{text}", ()
         return True
 
 
@@ -51,9 +43,9 @@ log.addFilter(_Prefixed())
 
 
 @contextlib.contextmanager
-def prefixed(prefix: Prefix) -> Iterator[None]:
+def prefixed(text: str) -> Iterator[None]:
     """Put a prefix, such as ``5pk: ``, before all notes of this thread inside."""
-    token = _prefix.set(prefix)
+    token = _prefix.set((text, set()))
     try:
         yield
     finally:
@@ -68,7 +60,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
     def advance() -> None:
         nonlocal done
         done += 1
-        log.info(label, extra={"progress": (f"{_prefix.get().text}{label}", done, total)})
+        log.info(label, extra={"progress": (f"{_prefix.get()[0]}{label}", done, total)})
 
     yield advance
 

@@ -7,16 +7,17 @@ the config that it names; a test poisons all others.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from beltid._version import __version__
-from beltid.errors import EXIT_OUT_OF_TOLERANCE, InputError
+from beltid.errors import EXIT_OUT_OF_TOLERANCE, ArtifactError, InputError
 from beltid.notes import log
 
 if TYPE_CHECKING:
@@ -34,10 +35,8 @@ Kind = str | tuple[str, ...]
 
 SUFFIX: Final = ".parquet"
 RECORDINGS: Final = ("press", "rig", "speedloss")
-HIDDEN: Final = ("workers",)
-"""Keywords of a stage that are no options."""
-NO_MATTER: Final = ("jobs", *HIDDEN)
-"""Keywords that change no result."""
+HIDDEN: Final = ("workers",)  # keywords of a stage that are no options
+NO_MATTER: Final = ("jobs", *HIDDEN)  # keywords that change no result
 BUILT_IN: Final = "built-in 5PK rig"
 
 
@@ -45,27 +44,18 @@ BUILT_IN: Final = "built-in 5PK rig"
 class Outcome(Generic[Result]):
     """Result of a stage: a table, single results, further tables, and what the user should know."""
 
-    columns: dict[str, np.ndarray]
-    """The table, with the columns of its kind; nan or None where a value is missing."""
-    result: Result
-    """The scientific result with all its properties."""
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Single results by name; the unit is in the name."""
-    tables: Mapping[str, Any] = field(default_factory=dict)
-    """Further tables: lists of rows."""
-    validity: Mapping[str, Any] = field(default_factory=dict)
-    """Ranges within which the result holds."""
-    set_aside: list[dict[str, Any]] = field(default_factory=list)
-    """Runs or points that were set aside, with the reason."""
+    columns: dict[str, np.ndarray]  #: the table; nan or None where a value is missing
+    result: Result  #: the scientific result with all its properties
+    facts: Mapping[str, Any] = field(default_factory=dict)  #: single results; unit in the name
+    tables: Mapping[str, Any] = field(default_factory=dict)  #: further tables: lists of rows
+    validity: Mapping[str, Any] = field(default_factory=dict)  #: ranges within which it holds
+    set_aside: list[dict[str, Any]] = field(default_factory=list)  #: runs or points, and why
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
-    passed: bool | None = None
-    """Whether what was judged is within tolerance, None if nothing was."""
-    kind: str = ""
-    """Kind of the table."""
-    origin: Origin | None = None
-    """Origin of the data, "measured" or "synthetic"; None if not stated."""
+    passed: bool | None = None  #: whether what was judged is within tolerance
+    kind: str = ""  #: kind of the table
+    origin: Origin | None = None  #: of the data, "measured" or "synthetic"; None if not stated
 
     def to_frame(self) -> pd.DataFrame:
         """Return the table as a pandas DataFrame, whose ``attrs`` are the facts about a rig."""
@@ -79,12 +69,11 @@ class Outcome(Generic[Result]):
 
     def record(self, **made: Any) -> Record:
         """Return the record of an artifact that holds the table, with further provenance."""
-        from beltid.store.artifact import Record
+        from beltid.store.artifact import Record, plain
 
-        said = ("facts", "tables", "validity", "set_aside", "verdict", "passed", "origin")
-        stated: dict[str, Any] = {name: getattr(self, name) for name in said}
-        lines = {"notes": list(self.notes), "warnings": list(self.warnings)}
-        return Record(self.kind, **{**stated, **lines, **made})
+        known = {field.name for field in fields(Record)} - {"kind"}
+        said = {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name in known}
+        return Record(self.kind, **{**said, **made})
 
     def plot(self, figure: str | None = None) -> Figure:
         """Plot the table with matplotlib, as ``beltid show`` does.
@@ -141,11 +130,9 @@ class Outcome(Generic[Result]):
 
     def as_artifact(self) -> Artifact:
         """Return the result as if it were read from a file."""
-        from beltid.store.artifact import Artifact, plain
+        from beltid.store.artifact import Artifact
 
-        record = self.record()
-        record = replace(record, facts=plain(record.facts), tables=plain(record.tables))
-        return Artifact(self.columns, record, Path(self.kind), "")
+        return Artifact(self.columns, self.record(), Path(self.kind), "")
 
     def __repr__(self) -> str:
         from beltid.report.view import text_of
@@ -168,32 +155,13 @@ class Input:
     path: Path
     kind: str
     name: str
-    besides: list[Path]
-    """Files among those of the path that do not belong to it."""
-    seen: Any
+    besides: list[Path]  # files among those of the path that do not belong to it
     sha256: str
-
-    @classmethod
-    def of(cls, path: Path, kind: str, name: str, config: Config) -> Input:
-        """Return an input with the hash of its content."""
-        from beltid.bench.files import content_of, signature_of
-
-        besides = [table for of, table in config.run_tables.items() if of == kind]
-        seen = signature_of(path)
-        return cls(path, kind, name, besides, seen, content_of(path, besides))
 
     @property
     def is_recording(self) -> bool:
         """Whether it is no artifact."""
         return self.kind in RECORDINGS
-
-    def has_changed(self) -> bool:
-        """Return whether the file has changed since."""
-        from beltid.bench.files import content_of, signature_of
-
-        if signature_of(self.path) == self.seen:
-            return False
-        return content_of(self.path, self.besides) != self.sha256
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,42 +169,49 @@ class Work:
     """One call of a stage on files: what it reads and depends on."""
 
     source: ConfigSource
-    files: Mapping[str, Input]
-    tables: Sequence[Input]
-    """Tables of the runs of its recordings."""
+    files: Mapping[str, Input]  # by parameter
+    inputs: Mapping[str, str]  # SHA-256 of all that is read, by name
     options: Mapping[str, Any]
     settings: Mapping[str, Any]
-    made_from: str = ""
-
-    @property
-    def inputs(self) -> dict[str, str]:
-        """SHA-256 of all that is read, by name."""
-        return {file.name: file.sha256 for file in (*self.files.values(), *self.tables)}
+    made_from: str
 
 
 @dataclass(eq=False)
 class Stage:
-    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files."""
+    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files.
+
+    Attributes
+    ----------
+    name, makes : str
+        Name of the command; kind of the table.
+    reads : dict
+        Parameter -> kind of recording or artifact; a keyword is an input that may be left out.
+    uses : tuple of str
+        Sections of the config that it reads.
+    compute : function
+        From inputs and config to the outcome.
+    file : str or function
+        Name of the file, or a function of the options that gives it; default: the kind.
+    guests : tuple of str
+        Inputs that may be of another bench.
+    finds : function, optional
+        Adds inputs that lie beside the given ones.
+    writes : function, optional
+        Turns the outcome into the bytes of a file that is no artifact.
+    fails_with : int
+        Exit status if `passed` is False.
+    """
 
     name: str
-    """Name of the command."""
     makes: str
-    """Kind of the table."""
     reads: Mapping[str, Kind]
-    """Parameter -> kind of recording or artifact; a keyword is an input that may be left out."""
     uses: tuple[str, ...]
-    """Sections of the config that it reads."""
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""
-    """Name of the file, or a function of the options that gives it; default: the kind."""
     guests: tuple[str, ...] = ()
-    """Inputs that may be of another bench."""
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
-    """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
-    """Turns the outcome into the bytes of a file that is no artifact."""
     fails_with: int = EXIT_OUT_OF_TOLERANCE
-    """Exit status if `passed` is False."""
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -251,9 +226,10 @@ class Stage:
             if p.kind is p.KEYWORD_ONLY and p.name not in (*self.reads, *HIDDEN)
         ]
 
-    def file_name(self, options: Mapping[str, Any]) -> str:
-        """Return the name of the file that it writes."""
-        name = self.file(**options) if callable(self.file) else self.file
+    def file_name(self, options: Mapping[str, Any] | None = None) -> str:
+        """Return the name of the file that it writes, by default without any choice."""
+        chosen = {p.name: p.default for p in self.options} | dict(options or {})
+        name = self.file(**chosen) if callable(self.file) else self.file
         return name or f"{self.makes}{SUFFIX}"
 
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
@@ -288,6 +264,8 @@ class Stage:
         **options: Any,
     ) -> Built:
         """Compute from files, unless `out` was made from the same."""
+        from beltid.bench.files import content_of
+
         work, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
             return Built(existing, up_to_date=True)
@@ -299,7 +277,9 @@ class Stage:
         if workers is not None and "workers" in self.signature.parameters:
             given["workers"] = workers
         outcome = replace(self.compute(**given), kind=self.makes)
-        if changed := [file.path for file in work.files.values() if file.has_changed()]:
+        now = [content_of(file.path, file.besides) for file in work.files.values()]
+        pairs = zip(work.files.values(), now, strict=True)
+        if changed := [file.path for file, content in pairs if content != file.sha256]:
             raise InputError([f"{path}: was changed while it was read" for path in changed])
         return Built(self._write(work, outcome, items, out), up_to_date=False)
 
@@ -313,26 +293,31 @@ class Stage:
         **options: Any,
     ) -> tuple[Work, Artifact | None]:
         """Return the work, and what it made before from the same inputs; compute nothing."""
+        from beltid.bench.files import content_of
+
         config = source.config
         given = dict(files) if self.finds is None else self.finds(dict(files))
-        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        reads = {role: kind for role, kind in self.reads.items() if role in given}
-        kinds = {role: _kind_of(kind, given[role]) for role, kind in reads.items()}
-        existing = self._check_place(source, given, kinds, out, force=force)
-        inputs = {
-            role: Input.of(given[role], kind, _name_of(kind, reads[role]), config)
-            for role, kind in kinds.items()
+        kinds = {
+            role: _kind_of(self.reads[role], given[role]) for role in self.reads if role in given
         }
-        tables = [
-            Input.of(table, "", f"{kind}_runs", config)
-            for kind, table in config.run_tables.items()
-            if kind in kinds.values()
-        ]
+        existing = self._check_place(source, given, kinds, out, force=force)
+        work = dict[str, Input]()
+        for role, kind in kinds.items():
+            # a recording in the place of an artifact is of another bench
+            guest = kind in RECORDINGS and kind != self.reads[role]
+            besides = [table for of, table in config.run_tables.items() if of == kind]
+            sha256 = content_of(given[role], besides)
+            work[role] = Input(given[role], kind, "recording" if guest else kind, besides, sha256)
+        inputs = {file.name: file.sha256 for file in work.values()}
+        for kind, table in config.run_tables.items():
+            if kind in kinds.values():
+                inputs[f"{kind}_runs"] = content_of(table)
+        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
         settings = self._settings(config, kinds.values(), chosen)
-        work = Work(source, inputs, tables, chosen, settings)
-        work = replace(work, made_from=self._made_from(work))
-        fresh = existing is not None and existing.record.made_from == work.made_from
-        return work, existing if fresh and not force else None
+        made_from = self._made_from(config, inputs, settings)
+        fresh = existing is not None and existing.record.made_from == made_from and not force
+        made = Work(source, work, inputs, chosen, settings, made_from)
+        return made, existing if fresh else None
 
     def _settings(
         self, config: Config, kinds: Iterable[str], options: Mapping[str, Any]
@@ -346,21 +331,21 @@ class Stage:
             found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
-        stated = {name: plain(v) for name, v in options.items() if v and name not in NO_MATTER}
-        return found | stated
+        return found | plain({n: v for n, v in options.items() if v and n not in NO_MATTER})
 
-    def _made_from(self, work: Work) -> str:
-        from beltid.store.artifact import plain
+    def _made_from(
+        self, config: Config, inputs: Mapping[str, str], settings: Mapping[str, Any]
+    ) -> str:
+        """Return the hash of all that the result depends on, and of which of it is stated."""
         from beltid.store.disk import sha256, source_sha256
 
-        config = work.source.config
         stated = {
             name: sorted(getattr(config, name).model_fields_set)
             for name in self.uses
             if name in config.model_fields_set
         }
-        parts = [__version__, source_sha256(), self.name, work.inputs, work.settings, stated]
-        return sha256(json.dumps(plain(parts), sort_keys=True).encode())
+        parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
+        return sha256(json.dumps(parts, sort_keys=True).encode())
 
     def _check_place(
         self,
@@ -372,69 +357,70 @@ class Stage:
         force: bool,
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
-        from beltid.errors import ArtifactError
         from beltid.store.artifact import read_artifact, stated_kind
-        from beltid.store.place import FOREIGN, OURS, anyone_s, check_place
+        from beltid.store.disk import FOREIGN, OURS, anyone_s, check_place
 
-        named = {
-            f"{kind} recording of the config": p for kind, p in source.config.data.files.items()
-        }
-        of = {kind: "recording" if kind in RECORDINGS else "table" for kind in kinds.values()}
-        read = {f"{kind} {of[kind]} that is read": files[role] for role, kind in kinds.items()}
         existing = None
 
         def whose(path: Path) -> str:
             nonlocal existing
-            try:
-                existing = read_artifact(path, self.makes)
-            except ArtifactError:
-                kind = stated_kind(path) if path.is_file() else None
-                if kind == self.makes:  # damaged, or of an earlier version
-                    return OURS
+            kind = stated_kind(path)
+            if kind != self.makes:
                 return f"a {kind} artifact" if kind else FOREIGN
+            with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
+                existing = read_artifact(path, kind)
             return OURS
 
-        ending = Path(self.file_name({p.name: p.default for p in self.options})).suffix
+        read = {}
+        for role, kind in kinds.items():
+            what = "recording" if kind in RECORDINGS else "table"
+            read[f"{kind} {what} that is read"] = files[role]
+        for kind, path in source.config.data.files.items():
+            read[f"{kind} recording of the config"] = path
         owner = whose if self.writes is None else anyone_s
-        check_place(out, (ending,), owner, inputs=read | named, force=force)
+        check_place(out, (Path(self.file_name()).suffix,), owner, inputs=read, force=force)
         return existing
 
     def _read(self, work: Work) -> dict[str, Any]:
         """Read the inputs; refuse artifacts that do not fit together."""
         from beltid.bench.recording import read_recording
-        from beltid.store.artifact import Artifact, read_artifact
-        from beltid.store.together import refuse_misfits
+        from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
 
-        config, items = work.source.config, dict[str, Any]()
+        items = dict[str, Any]()
+        hosts, guests = list[Artifact](), list[Artifact]()
         for role, file in work.files.items():
             if file.is_recording:
-                items[role] = read_recording(file.path, file.kind, config)
+                items[role] = read_recording(file.path, file.kind, work.source.config)
                 what = "rows" if items[role].kind == "points" else "samples"
                 log.info("%s: %s %s", file.path, items[role].n_samples, what)
             else:
                 items[role] = read_artifact(file.path, file.kind)
-        artifacts = {role: item for role, item in items.items() if isinstance(item, Artifact)}
-        guests = [artifacts[role] for role in self.guests if role in artifacts]
-        refuse_misfits([a for role, a in artifacts.items() if role not in self.guests], guests)
+                (guests if role in self.guests else hosts).append(items[role])
+        refuse_misfits(hosts, guests)
         return items
 
     def _write(
         self, work: Work, outcome: Outcome[Any], items: Mapping[str, Any], out: Path
     ) -> Artifact:
-        from beltid.store.artifact import Artifact, combined_origin, plain, write_artifact
+        """Write the outcome with all that it was made from; return it as read back."""
+        from beltid.store.artifact import Artifact, ancestors_of, combined_origin, write_artifact
         from beltid.store.disk import sha256, source_sha256, write_bytes
-        from beltid.store.together import ancestors_of
 
-        config, path, files = work.source.config, work.source.path, work.files
-        artifacts = [item for item in items.values() if isinstance(item, Artifact)]
-        origins = []
+        config, path = work.source.config, work.source.path
+        origins, ancestors, notes = [], dict[str, str](), list[str]()
         for role, item in items.items():
+            file = work.files[role]
             if isinstance(item, Artifact):
                 origins.append(item.origin)
-            elif item.is_artifact:  # a simulated recording
+                ancestors |= ancestors_of(item)
+                continue
+            notes += item.notes
+            if item.is_artifact:  # a simulated recording
                 origins.append("synthetic")
-            elif files[role].name == files[role].kind:  # another bench tells nothing of this one
+            elif file.name == file.kind:  # another bench tells nothing of this one
                 origins.append(config.data.origin)
+            if file.name in RECORDINGS:
+                ancestors[file.name] = file.sha256
         record = outcome.record(
             made_by=self.name,
             made_from=work.made_from,
@@ -442,22 +428,17 @@ class Stage:
             sources=source_sha256(),
             origin=combined_origin(origins or [config.data.origin]),
             inputs=work.inputs,
-            ancestors={
-                **ancestors_of(artifacts),
-                **{f.name: f.sha256 for f in files.values() if f.name in RECORDINGS},
-            },
-            # name without folder, so that the same input gives the same bytes anywhere
+            ancestors=ancestors,
             config=BUILT_IN if path is None else path.name,
             config_sha256=config.sha256,
             settings=work.settings,
-            notes=[*(n for i in items.values() for n in getattr(i, "notes", ())), *outcome.notes],
+            notes=[*notes, *outcome.notes],
         )
         if self.writes is None:
             return write_artifact(out, outcome.columns, record)
         data = self.writes(outcome)
         write_bytes(out, data)
-        stated = replace(record, facts=plain(record.facts), tables=plain(record.tables))
-        return Artifact(outcome.columns, stated, out, sha256(data))
+        return Artifact(outcome.columns, record, out, sha256(data))
 
 
 STAGES: Final[dict[str, Stage]] = {}
@@ -472,11 +453,7 @@ def stage(
     def registered(compute: Callable[..., Outcome[Any]]) -> Callable[..., Outcome[Any]]:
         made = STAGES[name] = Stage(name, compute=compute, **about)
 
-        @functools.wraps(compute)
-        def call(*args: Any, **kwargs: Any) -> Outcome[Any]:
-            return made(*args, **kwargs)
-
-        return call
+        return functools.wraps(compute)(lambda *args, **kwargs: made(*args, **kwargs))
 
     return registered
 
@@ -507,8 +484,3 @@ def _kind_of(kind: Kind, path: Path) -> str:
     if isinstance(kind, str):
         return kind
     return kind[0] if may_be_artifact(path) else kind[1]
-
-
-def _name_of(kind: str, allowed: Kind) -> str:
-    """Return the name of an input; a recording in the place of an artifact is of another bench."""
-    return "recording" if kind in RECORDINGS and isinstance(allowed, tuple) else kind

@@ -12,9 +12,9 @@ from typing import Any, Final
 import beltid.stages.steps  # noqa: F401  makes the stages known
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
-from beltid.notes import Prefix, log, prefixed
+from beltid.notes import log, prefixed
 from beltid.report.view import summary_of
-from beltid.stage import STAGES, Stage
+from beltid.stage import STAGES, Built, Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
 from beltid.stages.workers import Workers
@@ -80,28 +80,41 @@ OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-su
 
 @dataclass(slots=True)
 class Belt:
-    """What became of the chain of a belt."""
+    """What became of the chain of a belt; its steps by name, in the order of the chain."""
 
     name: str
     states: dict[str, str] = field(default_factory=dict)
-    """State of every step, in the order of the chain."""
-    lacking: tuple[str, ...] = ()
-    """Kinds of recordings that the chain can use but the config does not name."""
-    facts: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Facts of the steps that have a result."""
+    lacking: tuple[str, ...] = ()  # recordings that the chain can use but the config does not name
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # of the steps with a result
     troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
     """Exit status and problems of the steps that have any."""
     origins: list[str | None] = field(default_factory=list)
-    made: list[str] = field(default_factory=list)
-    """Names of the files that exist, recordings among them."""
-    new: bool = False
-    """Whether anything was computed."""
+    made: list[str] = field(default_factory=list)  # files that exist, recordings among them
+    new: bool = False  # whether anything was computed
 
     def failed(self, name: str, error: BeltidError) -> None:
         """Record and log that a step failed."""
         self.states[name] = FAILED
         self.troubles[name] = (error.exit_status, error.problems)
         _say(logging.ERROR, name, error.problems)
+
+    def has(self, step: Step, built: Built, spent_s: float) -> None:
+        """Record and log what a step has made, or found up to date."""
+        name, fails_with = step.name, step.stage.fails_with
+        said = summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=fails_with)
+        self.states[name] = UP_TO_DATE if built.up_to_date else DONE
+        if said.exit_status:
+            judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
+            self.states[name] = OUT_OF_TOLERANCE if judged else FAILED
+            self.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
+        self.facts[name] = said.facts
+        self.origins.append(said.origin)
+        self.new |= not built.up_to_date
+        spent = "" if built.up_to_date else f", {spent_s:.1f} s"
+        log.info("%s: %s%s", name, self.states[name], spent)
+        _say(logging.DEBUG, name, said.notes)
+        _say(logging.WARNING, name, said.warnings)
+        _say(logging.INFO, name, [said.verdict])
 
     @property
     def exit_status(self) -> int:
@@ -133,9 +146,10 @@ def states_at_first(chain: Sequence[Step], recordings: Collection[str]) -> dict[
     """Return the state of every step before the first: some lack a recording."""
     available, states = set(recordings), {}
     for step in chain:
-        ready = available.issuperset(step.needs.values())
-        states[step.name] = "not run" if ready else "no recording"
-        available |= {step.makes} if ready else set()
+        states[step.name] = "no recording"
+        if available.issuperset(step.needs.values()):
+            states[step.name] = "not run"
+            available.add(step.makes)
     return states
 
 
@@ -166,19 +180,21 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
     """Run the chain of a belt; a step that fails does not stop those that do not need it."""
     chain, files = chain_of(source.config), dict(source.config.data.files)
     belt = Belt(source.name, states_at_first(chain, files), tuple(lacking(source.config)))
-    with prefixed(Prefix(f"{source.name}: ")):
+    with prefixed(f"{source.name}: "):
         synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
         log.info("config %s%s, results in %s", source.origin, synthetic, folder)
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step in chain:
-            reduced = belt.facts.get("fit-friction", {})
-            if "rig_running" in reduced and step.name not in OF_RUNNING_BELT:
+            running = "rig_running" in belt.facts.get("fit-friction", {})
+            if running and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
             elif files.keys() >= set(step.needs.values()):
-                out = folder / f"{step.makes}.parquet"
+                out, start = folder / f"{step.makes}.parquet", time.monotonic()
                 try:
-                    _run_step(belt, step, source, step.inputs(files), out, workers, force)
+                    inputs = step.inputs(files)
+                    built = step.stage.run(source, inputs, out, force=force, workers=workers)
+                    belt.has(step, built, time.monotonic() - start)
                     files[step.makes] = out
                 except TooFewSettings as error:
                     belt.states[step.name] = "too few settings"
@@ -195,39 +211,12 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
     return belt
 
 
-def _run_step(
-    belt: Belt,
-    step: Step,
-    source: ConfigSource,
-    inputs: Mapping[str, Path],
-    out: Path,
-    workers: Workers,
-    force: bool,
-) -> None:
-    start, name = time.monotonic(), step.name
-    built = step.stage.run(source, inputs, out, force=force, workers=workers)
-    said = summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=step.stage.fails_with)
-    belt.states[name] = UP_TO_DATE if built.up_to_date else DONE
-    if said.exit_status:
-        judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
-        belt.states[name] = OUT_OF_TOLERANCE if judged else FAILED
-        belt.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
-    belt.facts[name] = said.facts
-    belt.origins.append(said.origin)
-    belt.new |= not built.up_to_date
-    spent = "" if built.up_to_date else f", {time.monotonic() - start:.1f} s"
-    log.info("%s: %s%s", name, belt.states[name], spent)
-    _say(logging.DEBUG, name, said.notes)
-    _say(logging.WARNING, name, said.warnings)
-    _say(logging.INFO, name, [said.verdict])
-
-
 def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = False) -> None:
     """Write the report of a belt that has results; not to be called from several threads."""
     if not belt.facts:
         return
     shown, out = OnPage(folder, source.config, belt.made, belt.failures), folder / NAME
-    with prefixed(Prefix(f"{source.name}: ")):
+    with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE

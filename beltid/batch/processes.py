@@ -9,16 +9,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from logging.handlers import QueueHandler
-from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from beltid.batch.chain import Belt
 from beltid.errors import BeltidError
-from beltid.notes import log, python_warnings
+from beltid.notes import log
 
 SPAWN: Final = multiprocessing.get_context("spawn")
 """Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
@@ -30,9 +28,9 @@ def run_in_processes(
 ) -> Iterator[Belt]:
     """Yield what becomes of belts as they end, each in a process, `jobs` at the same time.
 
-    If a process is killed, the belts that have not ended are tried once more, each in one of its
-    own: what they had finished is up to date, and the belt to blame is known. `work` is a
-    module-level function, `calls` has its arguments by the name of the belt.
+    If a process is killed, the belts that have not ended are tried once more, one after the other:
+    what they had finished is up to date, and the belt to blame is known. `work` is a module-level
+    function, `calls` has its arguments by the name of the belt.
     """
     left = dict(calls)
     try:
@@ -42,18 +40,14 @@ def run_in_processes(
         return
     except BrokenProcessPool:
         log.warning("a process was killed (out of memory?), once more: %s", ", ".join(left))
-    with ThreadPoolExecutor(jobs) as pool:
-        yield from pool.map(partial(_alone, work), left.items())
-
-
-def _alone(work: Callable[..., Belt], call: tuple[str, tuple[Any, ...]]) -> Belt:
-    try:
-        (belt,) = _ended(work, dict([call]), 1)
-    except BrokenProcessPool:
-        belt = Belt(call[0])
-        text = f"{belt.name}: was killed twice (out of memory?); run again, with fewer --jobs"
-        belt.failed("process", BeltidError(text))
-    return belt
+    for name, call in left.items():
+        try:
+            yield from _ended(work, {name: call}, 1)
+        except BrokenProcessPool:
+            belt = Belt(name)
+            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
+            belt.failed("process", BeltidError(text))
+            yield belt
 
 
 def _ended(
@@ -61,14 +55,9 @@ def _ended(
 ) -> Iterator[Belt]:
     with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
         with _signals_blocked():
-            ends = [pool.submit(_with_warnings, work, call) for call in calls.values()]
+            ends = [pool.submit(work, *call) for call in calls.values()]
         for end in as_completed(ends):
             yield end.result()
-
-
-def _with_warnings(work: Callable[..., Belt], call: tuple[Any, ...]) -> Belt:
-    with python_warnings():
-        return work(*call)
 
 
 def _begin(notes: Any) -> None:
@@ -89,14 +78,8 @@ def _end_with_parent() -> None:
 @contextlib.contextmanager
 def _heard() -> Iterator[Any]:
     """Open a queue whose notes are logged here."""
-    # what cleans up after a parent that was killed need not say so
-    stated = "PYTHONWARNINGS" in os.environ
-    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
-    with _signals_blocked():
-        resource_tracker.ensure_running()
-    if not stated:
-        del os.environ["PYTHONWARNINGS"]
-    notes = SPAWN.Queue()
+    with _signals_blocked():  # its semaphores have a process that cleans up after them
+        notes = SPAWN.Queue()
     notes.cancel_join_thread()
 
     def listen() -> None:

@@ -27,7 +27,7 @@ from beltid.batch.chain import (
 from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
-from beltid.notes import log
+from beltid.notes import log, python_warnings
 from beltid.report.summary import Summary
 from beltid.stages.about import wrong_recordings
 from beltid.stages.page_mark import NAME, OnPage, links_to, made_from, up_to_date
@@ -125,9 +125,10 @@ def _here(
 
 def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: bool) -> Belt:
     """Run the chain of a belt in this process, and write its report."""
-    belt = run_belt(source, folder, threads(jobs), force=force)
-    if report:
-        add_page(belt, source, folder, force=force)
+    with python_warnings():
+        belt = run_belt(source, folder, threads(jobs), force=force)
+        if report:
+            add_page(belt, source, folder, force=force)
     return belt
 
 

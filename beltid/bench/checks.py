@@ -10,8 +10,7 @@ import pandas as pd
 
 from beltid.bench.runs import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.columns import Column, Table
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
 from beltid.tables.values import absent, outside, shown_value
 
 OTHER_RUN: Final = 100.0

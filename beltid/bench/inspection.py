@@ -17,8 +17,8 @@ from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
 from beltid.bench.recording import found_in, of_plateaus, read_recording, tables_in, with_forces
-from beltid.config.layout import KINDS
-from beltid.config.name_pattern import name_pattern
+from beltid.config.checks import name_pattern
+from beltid.config.model import KINDS
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 

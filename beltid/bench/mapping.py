@@ -20,10 +20,10 @@ from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
 from beltid.bench.vocabulary import roles_meant, simplified, span_of
-from beltid.config.layout import KINDS
+from beltid.config.model import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
-from beltid.tables.columns import Column, Table
+from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
     CONVERSIONS,
     Calibration,

@@ -10,7 +10,7 @@ from typing import Any, Final
 from beltid.config import Config
 from beltid.errors import InputError
 from beltid.tables import schemas
-from beltid.tables.columns import Table
+from beltid.tables.schemas import Table
 from beltid.tables.units import Calibration
 
 DIALECT: Final[Mapping[str, Any]] = {

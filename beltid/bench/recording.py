@@ -24,7 +24,7 @@ from beltid.bench.raw import Raw
 from beltid.bench.runs import Settings, is_timed, joined, settings_in_head, tables_of_runs
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
-from beltid.tables.columns import Table
+from beltid.tables.schemas import Table
 from beltid.tables.values import absent
 
 IN_OUR_UNITS: Final = "in_our_units"

@@ -28,10 +28,9 @@ from beltid.bench.mapping import (
 from beltid.bench.options import DIALECT, ReadOptions
 from beltid.bench.raw import Field, Raw
 from beltid.bench.vocabulary import roles_meant
-from beltid.config.name_pattern import name_pattern, number
+from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.columns import Column, Table
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS, Column, Table
 from beltid.tables.units import conversion
 from beltid.tables.values import absent, is_missing, shown_value
 
@@ -157,7 +156,9 @@ class Settings:
             by = conversion(unit, column.unit)
             try:
                 if column.dtype != "string":
-                    found[role] = by.apply(number(values[role])) if by else float("unknown unit")
+                    found[role] = (
+                        by.apply(number_in_name(values[role])) if by else float("unknown unit")
+                    )
             except ValueError:
                 where = f'{place}: {role} = "{values[role]}" in the name'
                 self.needs.problems.add(f"{where}, must be a number in {unit}")

@@ -1,4 +1,4 @@
-"""The commands that are no steps: each calls one function of `beltid.stages` or `beltid.batch`.
+"""The commands that are no steps: each returns what one function of the rooms below says.
 
 Their docstrings are their help, with the meaning of each argument and option.
 """
@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
-from beltid.cli.execute import NOTHING, finish, print_text
-from beltid.cli.program import FIRST, Common, app, command, plain_typer
-
-if TYPE_CHECKING:
-    from beltid.report.summary import Summary
+from beltid.cli.program import FIRST, Common, app, command, config_of, plain_typer
+from beltid.report.summary import Summary
 
 SCHEDULER_VARIABLE: Final = "DASK_SCHEDULER_ADDRESS"
 
 
-@command("inspect", short=FIRST["inspect"])
+@command("inspect", short=FIRST["inspect"], kept=None)
 def inspect(
     files: list[Path], *, kind: Literal["press", "rig", "speedloss"] | None = None, common: Common
-) -> None:
+) -> Summary:
     """Show how a file is read: format, channels, units, rates, runs, gaps.
 
     Prints for every channel the column that it becomes, or may become, the runs, and a section for
@@ -40,24 +37,18 @@ def inspect(
     --------
     beltid inspect export.txt
     """
-    from beltid.config import find_config
-    from beltid.notes import log
-    from beltid.stages import inspect_file
+    from beltid.stages.inspect_file import run
 
-    def work() -> Summary:
-        source = find_config(files[0], common.config)
-        log.info("config: %s", source.origin)
-        return inspect_file.run(source, files, kind)
-
-    finish(work, common)
+    return run(config_of(files[0], common), files, kind)
 
 
 @command(
     "init",
     short=FIRST["init"],
     out="FILE: The file. Default: <NAME>.yaml in the current folder.",
+    kept="no config was written",
 )
-def init(name: str, files: list[Path] | None = None, *, common: Common) -> None:
+def init(name: str, files: list[Path] | None = None, *, common: Common) -> Summary:
     """Write the config of a new belt, with the meaning, unit and range of every key.
 
     What the recordings state is written: which bench each is of; contact arcs, tensions and speeds
@@ -77,16 +68,14 @@ def init(name: str, files: list[Path] | None = None, *, common: Common) -> None:
     """
     from beltid.stages.inspect_file import new_config
 
-    def work() -> Summary:
-        return new_config(name, files or [], common.out, force=common.force)
-
-    finish(work, common, kept="no config was written")
+    return new_config(name, files or [], common.out, force=common.force)
 
 
 @command(
     "run",
     short=FIRST["run"],
     out="FOLDER: Folder of the results, one folder per belt in it. Default: runs",
+    kept="finished results are in {out}; the same command continues from there",
 )
 def run(
     configs: list[Path] | None = None,
@@ -96,7 +85,7 @@ def run(
     dry_run: bool = False,
     no_report: bool = False,
     common: Common,
-) -> None:
+) -> Summary:
     """Run the whole chain for one or several belts: from the recordings to the report.
 
     Identifies stiffness, sliding speeds and friction, builds the published and the refined
@@ -125,28 +114,22 @@ def run(
     --------
     beltid run configs/4pk.yaml configs/5pk.yaml
     """
-    folder = common.out or Path("runs")
+    from beltid.batch.run import config_sources, plan_batch, run_batch
+    from beltid.errors import InputError
+    from beltid.notes import log
 
-    def work() -> Summary:
-        from beltid.batch.run import config_sources, plan_batch, run_batch
-        from beltid.errors import InputError
-        from beltid.notes import log
-
-        if scheduler is not None and jobs is not None:
-            raise InputError("--jobs is for this machine, --scheduler for a cluster: give only one")
-        address = scheduler or ""
-        if scheduler is None and jobs is None:
-            address = os.environ.get(SCHEDULER_VARIABLE, "")
-            if address:
-                log.info("cluster %s, named by $%s", address, SCHEDULER_VARIABLE)
-        sources, force = config_sources(configs or [], common.config), common.force
-        if dry_run:
-            return plan_batch(sources, folder, force=force)
-        report = not no_report
-        return run_batch(sources, folder, jobs=jobs, scheduler=address, force=force, report=report)
-
-    kept = f"finished results are in {folder}; the same command continues from there"
-    finish(work, common, kept=kept)
+    if scheduler is not None and jobs is not None:
+        raise InputError("--jobs is for this machine, --scheduler for a cluster: give only one")
+    address = scheduler or ""
+    if scheduler is None and jobs is None:
+        address = os.environ.get(SCHEDULER_VARIABLE, "")
+        if address:
+            log.info("cluster %s, named by $%s", address, SCHEDULER_VARIABLE)
+    sources, force = config_sources(configs or [], common.config), common.force
+    folder, report = common.out or Path("runs"), not no_report
+    if dry_run:
+        return plan_batch(sources, folder, force=force)
+    return run_batch(sources, folder, jobs=jobs, scheduler=address, force=force, report=report)
 
 
 @command(
@@ -154,8 +137,9 @@ def run(
     short=FIRST["report"],
     out="FILE: Page to write. Default: report.html in the folder of a belt, for several belts in "
     "the folder above.",
+    kept="finished reports are kept",
 )
-def report(folders: list[Path], *, common: Common) -> None:
+def report(folders: list[Path], *, common: Common) -> Summary:
     """Write the report of a belt, one page: verdict, figures, tables, provenance.
 
     The page needs no network and no other file. It lists what is missing in the folder. `beltid
@@ -174,12 +158,9 @@ def report(folders: list[Path], *, common: Common) -> None:
     --------
     beltid report runs/4pk runs/5pk
     """
-    from beltid.stages import report_belt
+    from beltid.stages.report_belt import run
 
-    def work() -> Summary:
-        return report_belt.run(folders, common.out, common.config, force=common.force)
-
-    finish(work, common, kept="finished reports are kept")
+    return run(folders, common.out, common.config, force=common.force)
 
 
 @command(
@@ -187,7 +168,7 @@ def report(folders: list[Path], *, common: Common) -> None:
     short=FIRST["show"],
     out="FILE: Table to write (.csv), or figure (.svg, .png, .pdf). Default: the terminal.",
 )
-def show(artifact: Path, *, figure: str | None = None, common: Common) -> None:
+def show(artifact: Path, *, figure: str | None = None, common: Common) -> Summary:
     """Show any artifact: what it says, its kind, origin, range of validity, hashes.
 
     With --out it writes the whole table as CSV, for a spreadsheet, or a figure, for a paper or a
@@ -205,18 +186,16 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> None:
     beltid show runs/5pk/friction.parquet -o friction.csv
     beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages import show as stage
+    from beltid.stages.show import run
 
-    def work() -> Summary:
-        return stage.run(artifact, common.out, figure, force=common.force)
-
-    finish(work, common, kept=NOTHING)
+    return run(artifact, common.out, figure, force=common.force)
 
 
 @command(
     "export",
     short=FIRST["export"],
     out="FOLDER: Folder of the files. Default: export/ in the folder of the law.",
+    kept="files already written are complete",
 )
 def export(
     target: str | None = None,
@@ -226,7 +205,7 @@ def export(
     normal_force: float | None = None,
     speed: float | None = None,
     common: Common,
-) -> None:
+) -> Summary:
     """Write the contact law of a belt for multibody programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
@@ -256,21 +235,18 @@ def export(
     beltid export exudyn runs/5pk --normal-force 5000 --speed 0.02
     beltid export all runs/5pk -o laws/5pk
     """
-    from beltid.stages import export_law
+    from beltid.stages.export_law import run
 
-    def work() -> Summary:
-        return export_law.run(
-            target,
-            source,
-            common.config,
-            common.out,
-            force=common.force,
-            surface=surface,
-            normal_force_N_m=normal_force,
-            slip_speed_m_s=speed,
-        )
-
-    finish(work, common, kept="files already written are complete")
+    return run(
+        target,
+        source,
+        common.config,
+        common.out,
+        force=common.force,
+        surface=surface,
+        normal_force_N_m=normal_force,
+        slip_speed_m_s=speed,
+    )
 
 
 config_app = plain_typer(
@@ -282,7 +258,7 @@ app.add_typer(config_app)
 
 
 @command("show", of=config_app, short="the values that are stated, or all in effect")
-def config_show(file: Path | None = None, *, all: bool = False, common: Common) -> None:
+def config_show(file: Path | None = None, *, all: bool = False, common: Common) -> Summary | str:
     """Print the values that the config states, as YAML with the range of every key.
 
     The config is that of --config, else the one that a command would find for FILE, else the
@@ -299,23 +275,18 @@ def config_show(file: Path | None = None, *, all: bool = False, common: Common) 
     --------
     beltid config show rig.csv --all
     """
-    from beltid.config import config_text, find_config
-    from beltid.notes import log
+    from beltid.cli.execute import refuse_out
+    from beltid.config import config_text
     from beltid.stages.about import config_values
 
     if common.json:
-        finish(lambda: config_values(find_config(file, common.config), complete=all), common)
-
-    def text() -> str:
-        source = find_config(file, common.config)
-        log.info("config: %s", source.origin)
-        return config_text(source.config, complete=all)
-
-    print_text(text, common, (".yaml", ".yml"))
+        refuse_out(common)
+        return config_values(config_of(file, common), complete=all)
+    return config_text(config_of(file, common).config, complete=all)
 
 
-@command("check", of=config_app, short="all problems in configs")
-def config_check(configs: list[Path], *, common: Common) -> None:
+@command("check", of=config_app, short="all problems in configs", kept=None)
+def config_check(configs: list[Path], *, common: Common) -> Summary:
     """Check configs as run does: keys, values, recordings that are missing or empty.
 
     Reports all problems at once, with file, line and column. Exit status 2 if there are any.
@@ -331,4 +302,4 @@ def config_check(configs: list[Path], *, common: Common) -> None:
     """
     from beltid.stages.about import check_configs
 
-    finish(lambda: check_configs(configs), common)
+    return check_configs(configs)

@@ -20,9 +20,8 @@ from typing import Final, NoReturn
 from beltid.errors import printable
 
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
-SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
-"""Terminal codes that clear the progress bar and show the cursor again."""
-STREAMS: Final = ("stdin", "stdout", "stderr")
+CLEAR_LINE: Final = "\r\x1b[2K"
+"""Terminal codes that clear the line of progress."""
 
 _kept: list[str] = []
 
@@ -57,29 +56,21 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
     line = f"error: {'; '.join([WORDS[signal.Signals(number).name], *_kept[-1:]])}"
     encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
     with contextlib.suppress(OSError):
-        if os.isatty(2):
-            os.write(2, SHOW_CURSOR)
-        os.write(2, f"{printable(line)}\n".encode(encoding, "replace"))
-    with contextlib.suppress(Exception):
-        _end_children()
+        text = f"{CLEAR_LINE * os.isatty(2)}{printable(line)}\n"
+        os.write(2, text.encode(encoding, "replace"))
+    with contextlib.suppress(Exception):  # the processes of a batch
+        if "multiprocessing" in sys.modules:
+            for child in sys.modules["multiprocessing"].active_children():
+                child.kill()
     os._exit(128 + number)
-
-
-def _end_children() -> None:
-    """Kill the processes of a batch."""
-    if "multiprocessing" in sys.modules:
-        for child in sys.modules["multiprocessing"].active_children():
-            child.kill()
 
 
 def prepare_streams() -> None:
     """Redirect closed streams to the null device, and replace characters that a stream lacks."""
-    for name in STREAMS:
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # the lowest free descriptor is that of the closed stream: now no result can get it
-            descriptor = os.open(os.devnull, os.O_RDONLY if name == "stdin" else os.O_WRONLY)
-            mode = "r" if name == "stdin" else "w"
-            setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")

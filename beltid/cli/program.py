@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import re
 import sys
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
@@ -57,6 +56,21 @@ SHORT: Final = {
     "force": "-f",
 }
 """Short names of options."""
+FILES: Final = (
+    "CSV, Zwick, LabVIEW .lvm, TDMS, MDF, MATLAB, Excel, Parquet; or a folder, a pattern in quotes "
+    "or a zip file with a file per run"
+)
+BENCHES: Final = {
+    "press": "the compression press",
+    "speedloss": "the speed-loss bench",
+    "rig": "the friction rig",
+}
+UNITS: Final = {"": "text", "deg": "°", "degC": "°C"}
+OTHERWISE: Final = """
+Other names or units of columns: state them in the config under columns: and units:. Exports of
+testing machines and measuring programs are read as they are, known names and units are recognised:
+beltid inspect FILE shows how.
+"""
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
@@ -69,12 +83,14 @@ def show_version(context: typer.Context, wanted: bool) -> None:
         from beltid.cli.execute import finish
         from beltid.stages.about import program
 
-        finish(program, Common(verbose=True))
+        finish(program, Common(verbose=True), None)
     raise typer.Exit
 
 
-VERSION: Final = "Show the version and exit; with -v, those of all libraries."
-Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
+def version_option(**about: Any) -> Any:
+    """Return the option --version."""
+    text = "Show the version and exit; with -v, those of all libraries."
+    return typer.Option("--version", callback=show_version, help=text, **about)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +124,16 @@ class Common:
     force: bool = False
 
 
+def config_of(file: Path | None, common: Common) -> Any:
+    """Return the config of a file, and tell which it is."""
+    from beltid.config import find_config
+    from beltid.notes import log
+
+    source = find_config(file, common.config)
+    log.info("config: %s", source.origin)
+    return source
+
+
 class InOrder(TyperGroup):
     """Command group that makes a command when it is called: making all takes half of the help."""
 
@@ -123,21 +149,19 @@ class InOrder(TyperGroup):
                 if name in FIRST:
                     import_module("beltid.cli.commands")
                 else:
-                    import_module("beltid.cli.steps").add(_steps()[name])
+                    add_step(_steps()[name])
             self.commands = get_group(app).commands
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands: first what a new user needs, then the steps of the method."""
-        from beltid.cli.steps import short_of
-
         common = [
             (f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(), text)
             for name, (kind, text) in _common().items()
         ]
         for title, rows in (
             ("Commands", FIRST.items()),
-            ("Steps", [(name, short_of(step)) for name, step in _steps().items()]),
+            ("Steps", [(name, _short(step)) for name, step in _steps().items()]),
             ("Options of every command", [*common, ("-h, --help", "Show the help of a command.")]),
             ("Exit status", STATUSES),
         ):
@@ -153,19 +177,6 @@ def _steps() -> dict[str, Any]:
     return {name: step for name, step in STAGES.items() if step.is_command}
 
 
-class PlainCommand(TyperCommand):
-    """Command whose help avoids the braces and type names of typer."""
-
-    def get_help(self, ctx: Any) -> str:
-        """Return the help of the command."""
-        text: str = super().get_help(ctx)
-        return text.replace("<list[Path]>", "<path>      ")
-
-    def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the arguments without braces, which look like alternatives."""
-        return [re.sub("[{}]", "", piece) for piece in super().collect_usage_pieces(ctx)]
-
-
 def plain_typer(**about: Any) -> typer.Typer:
     """Create a group of commands without colours and boxes."""
     settings = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
@@ -177,33 +188,46 @@ app = plain_typer(cls=InOrder, name="beltid", help=MAIN_HELP, pretty_exceptions_
 
 
 def command(
-    name: str, *, of: typer.Typer = app, short: str = "", out: str = ""
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    name: str,
+    *,
+    of: typer.Typer = app,
+    short: str = "",
+    out: str = "",
+    kept: str | None = "nothing was written",
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Make a command of a function: arguments and options by its signature and docstring.
 
-    ``out`` says what --out is, as ``FILE: The file.``, if not what it is in all commands.
+    The function returns a summary or a text. `out` says what --out is, as ``FILE: The file.``, if
+    not what it is in all commands; `kept` what an interrupt leaves, None: no file is written.
     """
 
-    def made(function: Callable[..., None]) -> Callable[..., None]:
+    def made(function: Callable[..., Any]) -> Callable[..., Any]:
         text, told, example = sections(inspect.getdoc(function) or "")
         signature = inspect.signature(function, eval_str=True).parameters.values()
         parameters = [parameter(p, *told[p.name]) for p in signature if p.name != "common"]
-        text = f"{text}\n\n{example}"
-        return register(name, function, parameters, text, of=of, short=short, out=out)
+
+        def run(*args: Any, common: Common, **values: Any) -> None:
+            from beltid.cli.execute import finish
+
+            left = kept and kept.format(out=common.out or "runs")
+            finish(lambda: function(*args, common=common, **values), common, left)
+
+        register(name, run, parameters, f"{text}\n\n{example}", of=of, short=short, out=out)
+        return function
 
     return made
 
 
 def register(
     name: str,
-    function: Callable[..., None],
+    run: Callable[..., None],
     parameters: Iterable[inspect.Parameter],
     text: str,
     *,
     of: typer.Typer = app,
     short: str = "",
     out: str = "",
-) -> Callable[..., None]:
+) -> None:
     """Register a function as a command with a help text; its ``common`` are the common options."""
     told, shared = _common(), list[inspect.Parameter]()
     for p in inspect.signature(Common, eval_str=True).parameters.values():
@@ -213,23 +237,99 @@ def register(
             kind, _, meaning = out.partition(": ")
             told["out"], about = (kind, meaning), {}
         shared.append(parameter(p.replace(kind=KEYWORD), *told[p.name], **about))
-    hidden = typer.Option("--version", callback=show_version, help=VERSION, hidden=True)
-    version = inspect.Parameter(
-        "version", KEYWORD, default=False, annotation=Annotated[bool, hidden]
-    )
     names = [p.name for p in shared]
+    hidden = Annotated[bool, version_option(hidden=True)]
+    shared.append(inspect.Parameter("version", KEYWORD, default=False, annotation=hidden))
 
-    @functools.wraps(function)
     def called(*args: Any, version: bool, **values: Any) -> None:
-        common = Common(**{name: values.pop(name) for name in names})
-        function(*args, common=common, **values)
+        run(*args, common=Common(**{name: values.pop(name) for name in names}), **values)
 
-    signature = inspect.Signature([*parameters, *shared, version])
+    signature = inspect.Signature([*parameters, *shared])
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
     called.__doc__ = text
-    of.command(name, cls=PlainCommand, short_help=short, epilog=SEE)(called)
-    return called
+    of.command(name, short_help=short, epilog=SEE)(called)
+
+
+def _kind(stage: Any, role: str) -> str:
+    """Return the kind of an input as the help names it: of several, the first."""
+    kind = stage.reads[role]
+    return kind if isinstance(kind, str) else kind[0]
+
+
+def add_step(stage: Any) -> None:
+    """Add the command of a step to the program."""
+    text, told, example = sections(inspect.getdoc(stage.compute) or "")
+    hints = inspect.signature(stage.compute, eval_str=True).parameters
+    parameters = []
+    for name, p in stage.signature.parameters.items():
+        if name in stage.reads:
+            kind = _kind(stage, name)
+            given: Any = typer.Argument(metavar=kind.upper(), help=_about(kind))
+            if p.kind is KEYWORD:
+                given = typer.Option("--from", metavar=kind.upper(), help=told[name][1])
+            of = Path if p.default is p.empty else Path | None
+            parameters.append(p.replace(kind=KEYWORD, annotation=Annotated[of, given]))
+    parameters += [parameter(hints[p.name], *told[p.name]) for p in stage.options]
+    columns = "".join(_columns(_kind(stage, role)) for role in stage.reads)
+    text = f"{text}\n\nWrites {stage.file_name()}.\n\n{columns}{example}\n"
+
+    def run(*, common: Common, **given: Any) -> None:
+        _run(stage, given, common)
+
+    register(stage.name, run, parameters, text, short=_short(stage))
+
+
+def _short(stage: Any) -> str:
+    """Return the line of a step in the list of commands: what it reads and writes."""
+    needed = [
+        _kind(stage, name).upper()
+        for name, p in stage.signature.parameters.items()
+        if name in stage.reads and p.kind is not KEYWORD
+    ]
+    return f"{', '.join(needed)} -> {stage.file_name()}"
+
+
+def _run(stage: Any, given: dict[str, Any], common: Common) -> None:
+    from beltid.bench.files import folder_of
+    from beltid.cli.execute import finish
+    from beltid.report.summary import Summary
+    from beltid.report.view import summary_of
+
+    files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
+    first = next(iter(files.values()), None)
+    folder = Path() if first is None else folder_of(first)
+    out = common.out or folder / stage.file_name(given)
+
+    def work() -> Summary:
+        source = config_of(first, common)
+        built = stage.run(source, files, out, force=common.force, **given)
+        return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
+
+    finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
+
+
+def _about(kind: str) -> str:
+    from beltid.tables import schemas
+
+    if kind in BENCHES:
+        return f"Recording of {BENCHES[kind]} ({FILES})."
+    name = f"{kind}.parquet of {schemas.table(kind).command.removeprefix('beltid ')}"
+    return f"{name}, or surface_refined.parquet." if kind == "surface" else f"{name}."
+
+
+def _columns(kind: str) -> str:
+    """Return the columns of a recording for the help."""
+    from beltid.tables import schemas
+
+    if kind not in BENCHES:
+        return ""
+    rows = [
+        f"  {column.name:<20} {UNITS.get(column.unit, column.unit):<6} {column.meaning}"
+        f"{'' if column.required else '; may be missing'}\n"
+        for column in schemas.table(kind).columns
+    ]
+    return f"\b\nColumns of the CSV (others are ignored):\n{''.join(rows)}{OTHERWISE}\n"
 
 
 def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspect.Parameter:
@@ -276,7 +376,7 @@ def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
 
 @app.callback()
 def _top(
-    version: Version = False,
+    version: Annotated[bool, version_option()] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", is_eager=True, help="With --version: everything.")
     ] = False,

@@ -1,7 +1,7 @@
 """Configs: YAML -> frozen model, with errors that carry file, line and column.
 
-`model` states the keys, by `fields` and `checks`; `layout` those about files of a bench. `source`
-reads YAML with its places, `messages` words the errors, `loading` loads, `writing` writes.
+`model` states the keys, by `fields` and `checks`; `source` reads YAML with its places; `loading`
+finds and loads a config and words its errors; `writing` writes it.
 """
 
 from beltid.config.loading import ConfigSource, find_config, load_config

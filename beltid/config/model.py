@@ -11,14 +11,14 @@ import json
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Final, Literal, cast
 
 from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
 from beltid.config.fields import Section, count, key, number, settings
-from beltid.config.layout import COLUMNS, RUNS, UNITS
+from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
@@ -319,6 +319,53 @@ class DialectSection(Section):
         "of the columns of a file without a header",
         checks.ListOf("[run, time_s, force_N]", 2000, checks.text),
     )
+
+
+KINDS: Final = ("press", "rig", "speedloss")
+SYMBOLS: Final = {"deg": "°", "degC": "°C"}
+"""Unit of a column -> its symbol in a config."""
+
+
+def _value(column: Column) -> checks.Check:
+    """Return the check of a setting that the config states for all runs."""
+
+    def choice(value: Any) -> Any:
+        if value not in column.choices:
+            raise checks.complain(column.allowed)
+        return value
+
+    if column.dtype == "string":
+        return choice if column.choices else checks.text
+    unit = SYMBOLS.get(column.unit, column.unit)
+    return checks.Number(column.low, column.high, unit, column.open_low, column.open_high)
+
+
+def _columns(kind: str) -> list[Column]:
+    """Return the columns that a config may name; those of the rig serve its plateaus, too."""
+    tables = [table("points"), table(kind)] if kind == "rig" else [table(kind)]
+    return list({column.name: column for of in tables for column in of.columns}.values())
+
+
+def _runs(kind: str) -> checks.Keys:
+    settings = [column for column in _columns(kind) if column.name in SETTINGS]
+    values = {column.name: _value(column) for column in settings}
+    files = {"pattern": checks.pattern_of_names, "table": checks.file_path}
+    return checks.Keys({**files, "values": checks.Keys(values)}, dict.fromkeys(files))
+
+
+def _names(kind: str) -> checks.Keys:
+    return checks.Keys({column.name: checks.text for column in _columns(kind)})
+
+
+def _units(kind: str) -> checks.Keys:
+    return checks.Keys(
+        {c.name: checks.unit_of(c.unit) for c in _columns(kind) if c.dtype == "float64"}
+    )
+
+
+COLUMNS: Final = checks.Keys({kind: _names(kind) for kind in KINDS})
+UNITS: Final = checks.Keys({kind: _units(kind) for kind in KINDS})
+RUNS: Final = checks.Keys({kind: _runs(kind) for kind in KINDS})
 
 
 class Config(Section):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,16 +24,11 @@ def format_path(path: KeyPath) -> str:
 
 @dataclass(frozen=True)
 class Source:
-    """Values of a config, with the name and the text of its file; "" if there is none."""
+    """Values of a config, the name of its file, and its YAML, whose nodes know their places."""
 
     values: Any
     name: str = ""
-    text: str = ""
-
-    @functools.cached_property
-    def root(self) -> Any:
-        """Root of the nodes of the YAML, which know their places; None if there is no text."""
-        return _yaml().compose(self.text) if self.text else None
+    root: Any = None
 
     def node(self, path: KeyPath, *, key: bool = False) -> Any:
         """Return the YAML node of a value (or key); if it is absent, that of its section."""
@@ -83,29 +77,27 @@ def read_source(path: Path) -> Source:
     return source
 
 
-def _yaml() -> Any:
-    from ruamel.yaml import YAML
-
-    return YAML(typ="safe", pure=True)
-
-
 def _parsed(text: str, name: str) -> Source:
+    from ruamel.yaml import YAML
     from ruamel.yaml.constructor import DuplicateKeyError
     from ruamel.yaml.error import MarkedYAMLError
 
+    yaml, root, place = YAML(typ="safe", pure=True), None, name
     try:
-        return Source(_yaml().load(text), name, text)
+        root = yaml.compose(text)
+        return Source(root and yaml.constructor.construct_document(root), name, root)
     except MarkedYAMLError as error:
-        mark, reason = error.problem_mark or error.context_mark, str(error.problem)
-        place = "{}:{}:{}".format(name, *_place(mark)) if mark else name
+        reason = str(error.problem)
+        if mark := error.problem_mark or error.context_mark:
+            place = "{}:{}:{}".format(name, *_place(mark))
         if isinstance(error, DuplicateKeyError):
-            reason = next(_twice(_yaml().compose(text), (), set()))
+            reason = next(_twice(root, (), set()))
         elif "'\\t'" in reason:
             reason = "a tab, indent with blanks"
         elif "mapping values are not allowed" in reason:
             reason = "an unexpected ':' (is the line above indented alike, is a text in quotes?)"
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
-        place, reason = name, str(error).partition("\n")[0][:200]
+        reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
 
 

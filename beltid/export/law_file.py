@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from beltid.config.messages import problem
+from beltid.config.loading import problem
 from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.export.law import FORMAT, SCHEMA_ID, VERSION, ContactLaw
 

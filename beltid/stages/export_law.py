@@ -28,10 +28,8 @@ from beltid.export.targets import TARGETS, Export, export
 from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.inputs import friction_in, friction_of, load_law, pooled_row, surface_from
-from beltid.store.artifact import Artifact, combined_origin, read_artifact
-from beltid.store.disk import write_bytes
-from beltid.store.place import anyone_s, check_place
-from beltid.store.together import refuse_misfits
+from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
+from beltid.store.disk import anyone_s, check_place, write_bytes
 
 ALL: Final = "all"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}

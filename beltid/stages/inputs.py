@@ -20,9 +20,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stage import Outcome
 from beltid.stages.columns import at
-from beltid.store.artifact import Artifact, read_artifact
+from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
 from beltid.store.disk import read_bytes
-from beltid.store.together import refuse_misfits
 from beltid.tables import schemas
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties

@@ -13,8 +13,8 @@ import numpy as np
 from beltid.bench.inspection import Inspection, RunView, inspect_recording, ranges
 from beltid.bench.options import ReadOptions
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.layout import KINDS
 from beltid.config.loading import effective_values
+from beltid.config.model import KINDS
 from beltid.config.source import format_path
 from beltid.config.writing import SECTIONS, template_text, value_text
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
@@ -24,8 +24,7 @@ from beltid.report.summary import Summary
 from beltid.stages.columns import finite_or_none
 from beltid.stages.planned_runs import nominal_settings
 from beltid.store.artifact import plain
-from beltid.store.disk import write_text
-from beltid.store.place import anyone_s, check_place
+from beltid.store.disk import anyone_s, check_place, write_text
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 

@@ -17,8 +17,7 @@ from beltid.config import Config, ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
 from beltid.store.artifact import read_artifact
-from beltid.store.disk import page_source_sha256, read_bytes, sha256
-from beltid.store.place import FOREIGN, OURS, check_place
+from beltid.store.disk import FOREIGN, OURS, check_place, page_source_sha256, read_bytes, sha256
 
 NAME: Final = "report.html"
 SUFFIXES: Final = (".html", ".htm")

@@ -37,9 +37,8 @@ from beltid.stages.page_mark import (
     up_to_date,
 )
 from beltid.stages.rig import bench_of
-from beltid.store.artifact import Artifact, read_artifact
+from beltid.store.artifact import Artifact, misfits, read_artifact, refuse_misfits
 from beltid.store.disk import write_text
-from beltid.store.together import misfits, refuse_misfits
 
 
 def run(

@@ -11,8 +11,7 @@ from beltid.report.results import sheet_of
 from beltid.report.summary import Summary, csv_bytes
 from beltid.report.view import shown_of
 from beltid.store.artifact import read_artifact
-from beltid.store.disk import write_bytes
-from beltid.store.place import anyone_s, check_place
+from beltid.store.disk import anyone_s, check_place, write_bytes
 
 TABLE: Final = ".csv"
 FIGURES: Final = tuple(f".{kind}" for kind in NO_DATES)

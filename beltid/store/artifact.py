@@ -3,6 +3,9 @@
 A file holds a table and one JSON record. One seal covers record and values, and every page has a
 checksum, so that damage and edits by other programs are found. The bytes depend only on the
 content, not on time, machine or user.
+
+An artifact states the SHA-256 of all that it was made from. Artifacts fit together if nothing that
+one of them was made from is given, or stated by another, with another content.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -34,48 +37,41 @@ SEAL_KEY: Final = b"beltid_seal"
 EARLIER_KEY: Final = b"beltid"
 """Key of the metadata in files of earlier versions, which are not read."""
 
+SEVERAL: Final = ("surface", "simulated", "compare")
+"""Kinds of which a belt has two, published and refined; the refined ones have their own name."""
 Origin = Literal["measured", "synthetic"]
 """Origin of the data."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What an artifact says about itself besides its table: plain JSON values."""
+    """What an artifact says about itself besides its table: plain JSON values.
+
+    `inputs` and `ancestors` are the SHA-256 of what was read, and of all that it was made from, by
+    name; `sources` that of the software, `made_from` that of all these, the settings and options:
+    unchanged means up to date. `config` has no folder, so that the bytes are the same anywhere.
+    """
 
     kind: str
-    version: int = 0
-    """Version of the schema of the kind."""
-    made_by: str = ""
-    """Command, such as "fit-stiffness"."""
+    version: int = 0  # of the schema of the kind
+    made_by: str = ""  # command, such as "fit-stiffness"
     made_from: str = ""
-    """Hash of the software, inputs, settings and options: unchanged means up to date."""
     software: str = ""
     sources: str = ""
-    """SHA-256 of the sources of the software."""
-    origin: str | None = None
-    """Origin of the data, "measured" or "synthetic"; None if not stated."""
+    origin: str | None = None  # of the data, None if not stated
     inputs: dict[str, str] = field(default_factory=dict)
-    """SHA-256 of the inputs, by role."""
     ancestors: dict[str, str] = field(default_factory=dict)
-    """SHA-256 of all that it was made from, by name."""
     config: str = ""
-    """Name of the config without its folder."""
     config_sha256: str = ""
-    settings: dict[str, Any] = field(default_factory=dict)
-    """Sections of the config that matter, and the options of the call."""
-    facts: dict[str, Any] = field(default_factory=dict)
-    """Single results by name; the unit is in the name."""
-    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """Further tables."""
-    validity: dict[str, Any] = field(default_factory=dict)
-    """Ranges within which the result holds."""
-    set_aside: list[dict[str, Any]] = field(default_factory=list)
-    """What was set aside, and why."""
+    settings: dict[str, Any] = field(default_factory=dict)  # sections of the config, options
+    facts: dict[str, Any] = field(default_factory=dict)  # single results; the unit is in the name
+    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # further ones
+    validity: dict[str, Any] = field(default_factory=dict)  # ranges within which the result holds
+    set_aside: list[dict[str, Any]] = field(default_factory=list)  # what, and why
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     verdict: str = ""
-    passed: bool | None = None
-    """Whether what was judged is within tolerance; None if nothing was."""
+    passed: bool | None = None  # whether what was judged is within tolerance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +91,22 @@ class Artifact:
     def kind(self) -> str:
         """Kind of the table."""
         return self.record.kind
+
+    @property
+    def name(self) -> str:
+        """Kind of the table, and whether it comes from the refined surface."""
+        refined = self.facts.get("method") == "refined" or "surface_refined" in self.ancestors
+        return f"{self.kind}_refined" if self.kind in SEVERAL and refined else self.kind
+
+    @property
+    def ancestors(self) -> dict[str, str]:
+        """SHA-256 of all that it was made from, by name."""
+        return self.record.ancestors
+
+    @property
+    def recordings(self) -> set[tuple[str, str]]:
+        """Name and SHA-256 of the recordings that it was made from."""
+        return {pair for pair in self.ancestors.items() if pair[0] in schemas.RECORDINGS}
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -233,7 +245,7 @@ def may_be_artifact(path: Path) -> bool:
 
 def stated_kind(path: Path) -> str | None:
     """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
-    return _kind_in(path.read_bytes())
+    return _kind_in(path.read_bytes()) if path.is_file() else None
 
 
 def _kind_in(data: bytes) -> str | None:
@@ -243,3 +255,53 @@ def _kind_in(data: bytes) -> str | None:
 
 def _command(kind: str) -> str:
     return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"
+
+
+def ancestors_of(artifact: Artifact) -> dict[str, str]:
+    """Return the SHA-256 of an artifact and of all that it was made from, by name."""
+    return artifact.ancestors | {artifact.name: artifact.sha256}
+
+
+def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
+    """Refuse artifacts that do not fit together; a guest counts if it is of the same recordings."""
+    hosts = list(artifacts)
+    known = {recording for host in hosts for recording in host.recordings}
+    if problems := misfits([*hosts, *(guest for guest in guests if known & guest.recordings)]):
+        raise ArtifactError(problems)
+
+
+def misfits(artifacts: Sequence[Artifact]) -> list[str]:
+    """Return a line for each misfit, only for the nearest causes."""
+    found: dict[int, list[str]] = {}
+    for position, artifact in enumerate(artifacts):
+        for distance, line in _misfits_of(artifact, artifacts, artifacts[:position]):
+            found.setdefault(distance, []).append(line)
+    return found[min(found)] if found else []
+
+
+def _misfits_of(
+    artifact: Artifact, artifacts: Sequence[Artifact], earlier: Sequence[Artifact]
+) -> Iterator[tuple[int, str]]:
+    """Yield the misfits with its inputs (0), their ancestors (1), artifacts with the same (2)."""
+    for name, content in artifact.ancestors.items():
+        given = [other for other in artifacts if other.name == name]
+        if given and all(other.sha256 != content for other in given):
+            is_input = content in artifact.record.inputs.values()
+            yield 0 if is_input else 1, _line(artifact, name, given[0])
+        elif not given:
+            for other in earlier:
+                if other.ancestors.get(name, content) != content:
+                    yield 2, _line(artifact, name, other)
+
+
+def _line(artifact: Artifact, name: str, other: Artifact) -> str:
+    made_by, what = artifact.record.made_by, "artifact"
+    command = f"beltid {made_by}" if made_by else schemas.table(artifact.kind).command
+    if name in schemas.RECORDINGS:
+        what = "recording"
+    if artifact.kind == "simulated" and other.kind == "friction":
+        command += f" --from {other.path}"
+    return (
+        f"{artifact.path}: was made from another {name} {what} than {other.path}; `{command}` "
+        "makes it again, `beltid run` all results of the belt"
+    )

@@ -15,7 +15,7 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
@@ -24,6 +24,9 @@ from beltid.errors import ArtifactError, InputError
 
 MAX_BYTES: Final = 1 << 30
 STALE_AFTER_S: Final = 3600.0
+HOST: Final = re.sub(r"\W", "", platform.node())[:32] or "host"
+FOREIGN: Final = "a file that beltid did not write"
+OURS: Final = ""
 ONLY_SHOW: Final = ("cli", "report", "__main__.py")
 """Parts of the package that display results and cannot change them."""
 REASONS: Final[dict[type[BaseException], str]] = {
@@ -61,8 +64,8 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Write a file: no reader ever sees a part of it, and on a failure an earlier one stays."""
     target = Path(os.path.realpath(path))  # a link keeps pointing where it points
-    name = f".{target.name}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}.beltid-tmp"
-    temporary = target.with_name(name)
+    writer = f"{HOST}.{os.getpid()}.{secrets.token_hex(4)}"
+    temporary = target.with_name(f".{target.name}.{writer}.beltid-tmp")
     try:
         if os.path.lexists(target) and not target.is_file():
             raise ArtifactError(f"{path}: not written: this is not an ordinary file")
@@ -89,28 +92,65 @@ def _reason(error: OSError | ValueError) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def _host() -> str:
-    return re.sub(r"\W", "", platform.node())[:32] or "host"
-
-
 def _remove_stale(folder: Path) -> None:
     """Remove temporary files of processes of this machine that ended, and those of an hour ago."""
     for path in folder.glob(".*.beltid-tmp"):
         with contextlib.suppress(OSError, ValueError):
             host, pid = path.name.split(".")[-4:-2]
-            old = time.time() - path.stat().st_mtime > STALE_AFTER_S
-            if old or (host == _host() and not _alive(int(pid))):
+            stale = time.time() - path.stat().st_mtime > STALE_AFTER_S
+            try:
+                if host == HOST:
+                    os.kill(int(pid), 0)
+            except ProcessLookupError:
+                stale = True
+            if stale:
                 path.unlink()
 
 
-def _alive(pid: int) -> bool:
+def check_place(
+    out: Path,
+    endings: tuple[str, ...],
+    whose: Callable[[Path], str],
+    *,
+    inputs: Mapping[str, Path] | None = None,
+    force: bool = False,
+) -> None:
+    """Refuse a place where a file cannot be written, or would replace one that must stay.
+
+    `whose` says what an existing file is: `OURS` may be replaced, anything else only with force;
+    `inputs`, by what they are, never.
+    """
+    for what, path in (inputs or {}).items():
+        if _same_file(path, out):
+            raise InputError(f"{out}: is the {what}, name another --out")
+    if out.is_dir():
+        raise ArtifactError(f"{out}: is a folder, name a file in it")
+    if out.suffix.lower() not in endings:
+        raise InputError(
+            f"{out}: ends in {out.suffix or 'nothing'}, must be one of {', '.join(endings)}, such "
+            f"as {out.with_suffix(endings[0]).name}"
+        )
+    if out.exists() and (found := whose(out)) and not force:
+        raise InputError(
+            f"{out}: is {found}, not replaced; name another --out, or replace it with --force"
+        )
+    folder = next(above for above in out.absolute().parents if above.exists())
+    if not folder.is_dir():
+        raise ArtifactError(f"{out}: not written: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ArtifactError(f"{out}: not written: no permission to write in {folder}")
+
+
+def _same_file(path: Path, other: Path) -> bool:
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
+        return os.path.samefile(path, other)
+    except OSError:  # one of the files does not exist
+        return os.path.realpath(path) == os.path.realpath(other)
+
+
+def anyone_s(path: Path) -> str:
+    """Say of any existing file that it is replaced only with force."""
+    return "already there"
 
 
 def sha256(data: bytes | memoryview) -> str:

@@ -44,16 +44,14 @@ def open_parquet(data: bytes, name: str, error_type: type[InputError]) -> Any:
         limit = min(MAX_CELLS, MAX_EXPANSION * len(data))
         if not (0 <= cells <= limit and all(0 <= claimed <= 8 * limit for claimed in sizes)):
             raise ValueError(f"it claims {cells:,} values in {len(data):,} bytes")
-        texts = [f.name for f in file.schema_arrow if names.count(f.name) == 1 and _is_text(f.type)]
+        texts = [
+            field.name
+            for field in file.schema_arrow
+            if names.count(field.name) == 1 and field.type in (pa.string(), pa.large_string())
+        ]
         return opened(texts) if texts else file
     except Exception as error:  # a damaged file can raise almost any error
         raise error_type(f"{name}: {damaged(error)}") from None
-
-
-def _is_text(kind: Any) -> bool:
-    import pyarrow as pa
-
-    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def damaged(error: BaseException) -> str:
@@ -114,38 +112,30 @@ def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
     arrays, fields = [], []
     for name, cells in values.items():
         column = table.column(name)
-        kind = _arrow_type(column)
-        about = {"unit": column.unit, "meaning": column.meaning}
-        fields.append(pa.field(name, kind, nullable=True, metadata=about))
         if column.dtype == "list":
+            kind = pa.list_(pa.float64())
             lists = [None if np.isnan(row).any() else row.tolist() for row in cells]
-            arrays.append(pa.array(lists, type=kind))
+            arrays.append(pa.array(lists, kind))
         else:
-            arrays.append(pa.array(cells, type=kind, from_pandas=True))
+            kind = pa.type_for_alias(column.dtype)
+            arrays.append(pa.array(cells, kind, from_pandas=True))
+        about = {"unit": column.unit, "meaning": column.meaning}
+        fields.append(pa.field(name, kind, metadata=about))
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
 def columns_of_arrow(arrow: pa.Table, table: Table) -> dict[str, np.ndarray]:
     """Convert an Arrow table that was read to columns with the types of the schema."""
-    columns = {
-        column.name: _from_arrow(arrow.column(column.name), column)
-        for column in table.columns
-        if column.required or column.name in arrow.column_names
-    }
+    columns: dict[str, Any] = {}
+    for column in table.columns:
+        if column.required or column.name in arrow.column_names:
+            cells = arrow.column(column.name)
+            # with None for null; Arrow's own ways to numpy import pandas
+            if column.dtype in ("list", "string", "bool") or cells.null_count:
+                columns[column.name] = cells.to_pylist()
+            else:
+                columns[column.name] = np.from_dlpack(cells.combine_chunks()).copy()
     return normalised(columns, table, "its table")
-
-
-def _arrow_type(column: Column) -> pa.DataType:
-    import pyarrow as pa
-
-    return pa.list_(pa.float64()) if column.dtype == "list" else pa.type_for_alias(column.dtype)
-
-
-def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> Any:
-    """Return the cells, with None for null; Arrow's own ways to numpy import pandas."""
-    if column.dtype in ("list", "string", "bool") or chunked.null_count:
-        return chunked.to_pylist()
-    return np.from_dlpack(chunked.combine_chunks()).copy()
 
 
 def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.tables.columns import Column
+from beltid.tables.schemas import Column
 
 
 def floats(values: Any) -> np.ndarray:

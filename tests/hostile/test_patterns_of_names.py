@@ -7,7 +7,7 @@ import time
 import pytest
 
 from beltid.config import load_config
-from beltid.config.name_pattern import name_pattern
+from beltid.config.checks import name_pattern
 from beltid.errors import ConfigError
 
 NAME = "x" * 250 + ".csv"  # as long as a file system allows, and no pattern below fits

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from beltid.errors import ArtifactError, InputError
-from beltid.store.disk import STALE_AFTER_S, write_bytes, write_text
-from beltid.store.place import OURS, check_place
+from beltid.store.disk import OURS, STALE_AFTER_S, check_place, write_bytes, write_text
 
 
 def names(folder: Path) -> list[str]:

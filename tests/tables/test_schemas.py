@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltid.tables import schemas
-from beltid.tables.columns import Column, column_of
+from beltid.tables.schemas import Column, column_of
 from beltid.tables.units import CONVERSIONS
 
 
