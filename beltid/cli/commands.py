@@ -205,10 +205,10 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> None:
     beltid show runs/5pk/friction.parquet -o friction.csv
     beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages import show as stage
+    from beltid.stages.about import shown
 
     def work() -> Summary:
-        return stage.run(artifact, common.out, figure, force=common.force)
+        return shown(artifact, common.out, figure, force=common.force)
 
     finish(work, common, kept=NOTHING)
 

@@ -27,7 +27,7 @@ from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Export, export
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.inputs import friction_in, friction_of, load_law, pooled_row, surface_from
+from beltid.stages.inputs import friction_in, friction_of, law_row, load_law, surface_from
 from beltid.store.artifact import Artifact, combined_origin, read_artifact
 from beltid.store.disk import write_bytes
 from beltid.store.place import anyone_s, check_place
@@ -162,7 +162,7 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
     log.info("surface: %s", wanted)
     surface = read_artifact(folder / SURFACES[wanted], "surface")
     refuse_misfits(a for a in (stiffness, surface, friction_in(folder)) if a is not None)
-    friction, row = friction_of(surface), pooled_row(stiffness)
+    friction, row = friction_of(surface), law_row(stiffness)
     normal = {name: _value(stiffness, name, row) for name in NormalPart.model_fields}
     try:
         return ContactLaw(

@@ -21,8 +21,7 @@ from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.identify.agreement import SAME_SETTING
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.columns import finite_or_none
-from beltid.stages.planned_runs import nominal_settings
+from beltid.stages.inputs import nominal_settings
 from beltid.store.artifact import plain
 from beltid.store.disk import write_text
 from beltid.store.place import anyone_s, check_place
@@ -128,7 +127,7 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
                 "unit": channel.written or channel.unit or None,
                 "read_as": roles.get(channel.base),
                 "samples": len(channel.raw.frame),
-                **{name: finite_or_none(value) for name, value in ranges(channel).items()},
+                **plain(ranges(channel)),
             }
     empty = [n for n in ("rate_Hz", "read_as") if not any(r[n] for r in rows.values())]
     return [{n: v for n, v in row.items() if n not in empty} for row in rows.values()]
@@ -141,7 +140,7 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
             **run.settings,
             "duration_s": run.duration_s,
             "samples": run.n_samples,
-            "rate_Hz": finite_or_none(run.rate_Hz),
+            "rate_Hz": plain(run.rate_Hz),
             "gaps_at_s": list(run.gaps[:5]) or None,
         }
         for run in runs

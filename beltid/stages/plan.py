@@ -16,19 +16,18 @@ from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_targ
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
 from beltid.plan.knowledge import knowledge_at, sources_of_plan
 from beltid.stage import Outcome
-from beltid.stages.columns import ok_rows
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
     friction_columns,
     friction_of,
+    ok_rows,
     press_law,
     shown,
     standard_uncertainties,
     surface_from,
 )
-from beltid.stages.planned_runs import KEYS, measured_settings, setting_lists
 from beltid.stages.refine import NEEDED
-from beltid.stages.rig import bench_of
+from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.sources import (

@@ -23,7 +23,7 @@ from beltid.report.verdict import verdict_of
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stage import as_measured
-from beltid.stages.curves import typical_runs
+from beltid.stages.friction import typical_runs
 from beltid.stages.page_mark import (
     ARTIFACTS,
     CURVES,

@@ -63,9 +63,9 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-stiffness press.csv
     """
-    from beltid.stages.stiffness import fitted
+    from beltid.stages.fits import contact_law
 
-    return fitted(frame, config)
+    return contact_law(frame, config)
 
 
 @stage("fit-slip", makes="slip", reads={"frame": "speedloss"}, uses=("rig", "drive"))
@@ -93,9 +93,9 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-slip speedloss.csv
     """
-    from beltid.stages.slip import fitted
+    from beltid.stages.fits import sliding_speeds
 
-    return fitted(frame, config)
+    return sliding_speeds(frame, config)
 
 
 @stage(
@@ -423,7 +423,7 @@ def cross_validate(
     --------
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
-    from beltid.stages.cross_validate import predicted_runs
+    from beltid.stages.compare import predicted_runs
     from beltid.stages.workers import threads
 
     by = by or config.cross_validate.by
@@ -510,9 +510,9 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
     --------
     beltid compare-drive slip.parquet drive.parquet
     """
-    from beltid.stages.compare_drive import compared
+    from beltid.stages.compare import compared_losses
 
-    return compared(slip, drive, config)
+    return compared_losses(slip, drive, config)
 
 
 def _plan_bytes(outcome: Outcome[Any]) -> bytes:
@@ -590,7 +590,7 @@ def plan_runs(
 )
 def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the branches of the press cycles that the report shows."""
-    from beltid.stages.curves import press_branches
+    from beltid.stages.fits import press_branches
 
     return press_branches(frame, config)
 
@@ -604,7 +604,7 @@ def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 )
 def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the runs over time that the report shows, thinned."""
-    from beltid.stages.curves import rig_runs
+    from beltid.stages.friction import rig_runs
 
     return rig_runs(frame, friction, config)
 

@@ -10,7 +10,7 @@ import pytest
 from beltid.config import find_config
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
-from beltid.stages.curves import SMALL_SAMPLES, typical_runs
+from beltid.stages.friction import SMALL_SAMPLES, typical_runs
 from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"

@@ -15,9 +15,8 @@ from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import run_records
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
-from beltid.stages.planned_runs import planned_runs
 from beltid.stages.refine import prepared_campaign
-from beltid.stages.rig import recording_columns
+from beltid.stages.rig import planned_runs, recording_columns
 from beltid.tables import schemas
 
 LAW = NormalLaw(6.5e7, 3.0256e11)

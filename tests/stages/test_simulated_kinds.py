@@ -12,8 +12,13 @@ import beltid
 from beltid.config import Config, load_config
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.planned_runs import planned_runs
-from beltid.stages.rig import bench_of, recording_columns, simulate, simulation_settings
+from beltid.stages.rig import (
+    bench_of,
+    planned_runs,
+    recording_columns,
+    simulate,
+    simulation_settings,
+)
 from beltid.stages.workers import Workers
 
 R = 0.05
