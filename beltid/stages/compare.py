@@ -79,7 +79,7 @@ OF_PREDICTION: Final = {
     "loss_seating_rad_s": "loss_seating_rad_s",
     "loss_slip_rad_s": "loss_slip_rad_s",
 }
-"""Column of a comparison of losses -> column of the predicted drive, in the order of LossPoints."""
+"""Column of a comparison of losses -> column of the predicted drive."""
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
@@ -301,12 +301,16 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
     shares = table["arc_used_deg"] / table["wrap_deg"]
     used = [np.fmax.reduce(shares[table["run"] == run], initial=np.nan) for run in measured["run"]]
     points = LossPoints(
-        loss,
-        measured["slip_speed_se_m_s"] / radius,
-        *predicted.values(),
-        measured["torque_N_m"],
-        np.array(used),
-        measured["status"] == OK,
+        measured=loss,
+        measured_u=measured["slip_speed_se_m_s"] / radius,
+        predicted=predicted["loss_predicted_rad_s"],
+        predicted_u=predicted["u_input_rad_s"],
+        creep=predicted["loss_creep_rad_s"],
+        seating=predicted["loss_seating_rad_s"],
+        slip=predicted["loss_slip_rad_s"],
+        torque=measured["torque_N_m"],
+        arc_share=np.array(used),
+        usable=measured["status"] == OK,
     )
     section = config.compare_drive
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)

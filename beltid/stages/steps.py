@@ -42,10 +42,8 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of press.csv.
-    config : Config, dict, path or None
-        Segment length, machine compliance, choice of cycles.
+    frame, config
+        The columns of press.csv; segment length, machine compliance, choice of cycles.
 
     Returns
     -------
@@ -54,10 +52,8 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Raises
     ------
-    InputError
-        If the recording cannot be used.
-    FitError
-        If no law with coefficients >= 0 fits.
+    InputError, FitError
+        If the recording cannot be used; if no law with coefficients >= 0 fits.
 
     Examples
     --------
@@ -78,10 +74,8 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of speedloss.csv.
-    config : Config, dict, path or None
-        Radius and speeds of the friction rig.
+    frame, config
+        The columns of speedloss.csv; radius and speeds of the friction rig.
 
     Returns
     -------
@@ -124,10 +118,8 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of rig.csv, with the channels of the kind of the rig.
-    config : Config, dict, path or None
-        Kind of the rig, radius of the pulley, conditions.
+    frame, config
+        The columns of rig.csv with the channels of this rig; radius of the pulley, conditions.
 
     Returns
     -------
@@ -170,11 +162,9 @@ def build_surface(
 
     Parameters
     ----------
-    friction : table of runs
+    friction, config
         Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if
-        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
-    config : Config, dict, path or None
-        Settings of the rig.
+        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out); the rig.
     condition : {"dry", "wet", "dusty"}, optional
         Use only runs on this surface.
     side : {"rib", "back"}, optional
@@ -348,12 +338,10 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
 
     Parameters
     ----------
-    friction : table of runs
-        The reduced runs of the bench.
-    simulated : recording or table of runs
-        A simulated recording with the columns of rig.csv from perfect load cells; or reduced runs
-        like `friction` (for a second bench, reduce its recording with `fit_friction`); or the table
-        of `simulate_campaign`.
+    friction, simulated
+        The reduced runs of the bench; a simulated recording with the columns of rig.csv from
+        perfect load cells, or reduced runs (for a second bench, of its recording by
+        `fit_friction`), or the table of `simulate_campaign`.
     config : Config, dict, path or None
         Tolerances, and for a recording the settings of its reduction.
 
@@ -414,10 +402,8 @@ def cross_validate(
 
     Raises
     ------
-    TooFewSettings
-        If too few settings or runs would be left.
-    ConvergenceError
-        If a surface does not converge, or a run cannot be simulated.
+    TooFewSettings, ConvergenceError
+        If too few settings or runs would be left; if a surface or a run does not converge.
 
     Examples
     --------
@@ -462,10 +448,8 @@ def predict_drive(
 
     Raises
     ------
-    InputError
-        If the stated drive is impossible.
-    NumericsError
-        If no operating point has a steady state.
+    InputError, NumericsError
+        If the stated drive is impossible; if no operating point has a steady state.
 
     Examples
     --------
@@ -496,10 +480,8 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
 
     Parameters
     ----------
-    slip, drive : Outcome of fit_slip, of predict_drive
-        The measured losses, and the prediction of the same recording.
-    config : Config, dict, path or None
-        Tolerance.
+    slip, drive, config
+        The measured losses, the prediction of the same recording (an `Outcome`); tolerance.
 
     Returns
     -------
@@ -516,9 +498,9 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
 
 
 def _plan_bytes(outcome: Outcome[Any]) -> bytes:
-    from beltid.stages.plan import written
-
-    return written(outcome)
+    """Return the table for the operator of the bench as CSV."""
+    frame = outcome.to_frame()
+    return frame.to_csv(index=False, float_format="%.6g", lineterminator="\n").encode()
 
 
 @stage(
