@@ -202,7 +202,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 except BeltidError as error:
                     belt.failed(step.name, error)
         if "not simulated" in belt.states.values():
-            from beltid.stages.planned_runs import NOT_SIMULATED
+            from beltid.stages.rig import NOT_SIMULATED
 
             log.info(NOT_SIMULATED)
     # what lacks a recording is hidden as such, whoever writes the page

@@ -186,9 +186,9 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> Summar
     beltid show runs/5pk/friction.parquet -o friction.csv
     beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages.show import run
+    from beltid.stages.about import shown
 
-    return run(artifact, common.out, figure, force=common.force)
+    return shown(artifact, common.out, figure, force=common.force)
 
 
 @command(

@@ -1,4 +1,4 @@
-"""Versions, the settings of a config, and whether the recordings that it names exist."""
+"""What is there: versions, the settings of a config and its recordings, any artifact."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from beltid.config.loading import effective_values
 from beltid.config.source import KeyPath, format_path, read_source
 from beltid.errors import ConfigError, InputError
 from beltid.report.summary import Summary
-from beltid.store.artifact import plain
-from beltid.store.disk import source_sha256
+from beltid.store.artifact import plain, read_artifact
+from beltid.store.disk import anyone_s, check_place, source_sha256, write_bytes
 
 LIBRARIES: Final = (
     *("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "rich", "ruamel.yaml", "typer"),
@@ -31,6 +31,7 @@ WITHOUT: Final = {
     "and the sliding speeds in service are all that is found",
 }
 """Kind of recording needed by the full chain -> warning if it is missing."""
+TABLE: Final = ".csv"
 
 
 def program() -> Summary:
@@ -135,3 +136,35 @@ def _file_problems(file: Path, tables: Iterable[Path]) -> tuple[str, ...]:
     except InputError as error:
         return error.problems
     return ()
+
+
+def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
+    """Show an artifact as a table and its figures; or write it as CSV or as one of its figures."""
+    from beltid.report.charts import NO_DATES, pictures_of, saved
+    from beltid.report.results import sheet_of
+    from beltid.report.summary import csv_bytes
+    from beltid.report.view import shown_of
+
+    artifact, figures = read_artifact(path), tuple(f".{kind}" for kind in NO_DATES)
+    ending = "" if out is None else out.suffix.lower()
+    if out is not None:
+        inputs = {"artifact that is shown": path}
+        check_place(out, (TABLE, *figures), anyone_s, inputs=inputs, force=force)
+    if name is not None and ending in ("", TABLE):
+        raise InputError(
+            f"--figure = {name}: needs --out, a file that ends in {', '.join(figures)}"
+        )
+    pictures = [] if ending == TABLE else pictures_of(sheet_of(artifact))
+    if out is None:
+        return shown_of(artifact, [(picture.key, picture.title) for picture in pictures])
+    if ending == TABLE:
+        data = csv_bytes(artifact.columns, artifact.origin)
+    else:
+        by_name = {picture.key: picture for picture in pictures}
+        if not by_name or name not in (None, *by_name):
+            wrong = f"--figure = {name}, must be one of: {', '.join(by_name)}"
+            raise InputError(f"{path}: {wrong if by_name else 'nothing to draw'}")
+        chosen = by_name[name] if name else pictures[0]
+        data = saved(chosen.figure, ending[1:])
+    write_bytes(out, data)
+    return Summary("show", "", out, origin=artifact.origin)

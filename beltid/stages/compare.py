@@ -1,47 +1,92 @@
-"""Measured against simulated friction coefficients (section 4).
+"""Measured against simulated: friction coefficients (section 4), runs left out, losses of a drive.
 
 The simulated recording passes the same function that reduced the measured one, with the radius
 stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
 those of a second bench are as the config states.
+
+In a cross-validation the runs of each arc or speed are left out in turn, and simulated at their
+measured tension and speed, in the sliding limit, with a surface of the remaining runs, whose
+uncertainty becomes that of the prediction, as in `simulate-rig`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.bench.recording import Recording
 from beltid.config import Config
-from beltid.errors import counted
-from beltid.identify.agreement import AgreementResult, compare_points
+from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, LossPoints, compare_losses
+from beltid.drive.results import ADHESION, FULL_SLIP
+from beltid.errors import InputError, counted
+from beltid.identify.agreement import (
+    AgreementResult,
+    Fold,
+    Statistics,
+    between_speeds,
+    compare_points,
+    folds,
+)
+from beltid.identify.slip import GROSS_SLIP, OK
+from beltid.notes import log
+from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import SPEED_BEND
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
-from beltid.stages.columns import span
 from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
-from beltid.stages.inputs import friction_columns
-from beltid.stages.planned_runs import with_tensions
-from beltid.store.artifact import Artifact
-from beltid.uncertainty.simulated import RunsUncertainty, dominant, runs_uncertainty_of, validated
-
-NEEDED: Final = (
-    *("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s"),
-    *("normal_force_N_m", "mu_sliding"),
+from beltid.stages.inputs import Columns, friction_columns, press_law, span, with_tensions
+from beltid.stages.refine import (
+    NEEDED,
+    prepared_campaign,
+    reference_temperature,
+    rig_of_runs,
+    usable_runs,
+    with_covariance,
 )
+from beltid.stages.workers import Workers
+from beltid.store.artifact import Artifact
+from beltid.uncertainty.measured import PressLaw, measured_runs, numbered_arcs
+from beltid.uncertainty.simulated import (
+    RunsUncertainty,
+    dominant,
+    runs_uncertainty_of,
+    simulated_uncertainty,
+    validated,
+)
+from beltid.uncertainty.sources import (
+    ARC,
+    BETWEEN_SPEEDS,
+    Source,
+    reduction_sources,
+    with_rig_sources,
+)
+
+SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
+COMPARED: Final = (*SETTINGS, "mu_sliding")
+HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
+"""Columns of the friction table that a prediction needs."""
 ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
 """Share of compared runs below which the campaign fails: too few to judge it."""
-Columns = Mapping[str, np.ndarray]
+OF_PREDICTION: Final = {
+    "loss_predicted_rad_s": "speed_loss_rad_s",
+    "u_input_rad_s": "speed_loss_u_rad_s",
+    "loss_creep_rad_s": "loss_creep_rad_s",
+    "loss_seating_rad_s": "loss_seating_rad_s",
+    "loss_slip_rad_s": "loss_slip_rad_s",
+}
+"""Column of a comparison of losses -> column of the predicted drive."""
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
     """Compare run by run; the simulated runs are a recording, reduced runs, or a campaign."""
-    measured = friction_columns(friction, NEEDED)
-    uncertainty = None
-    if isinstance(simulated, Artifact):
-        uncertainty = runs_uncertainty_of(simulated.facts)
+    measured = friction_columns(friction, COMPARED)
+    stored = isinstance(simulated, Artifact)
+    uncertainty = runs_uncertainty_of(simulated.facts) if stored else None
     return agreement(measured, _reduced(simulated, friction, config), config, uncertainty)
 
 
@@ -56,7 +101,7 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     frame = simulated
     if isinstance(simulated, (Outcome, Artifact)):
         if simulated.kind != "simulated":
-            return friction_columns(simulated, NEEDED, "simulated")
+            return friction_columns(simulated, COMPARED, "simulated")
         frame = simulated.columns
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
@@ -65,7 +110,7 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {name: np.asarray(frame[name]) for name in names}
         frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
-    return friction_columns(frame, NEEDED, "simulated")
+    return friction_columns(frame, COMPARED, "simulated")
 
 
 def agreement(
@@ -80,18 +125,19 @@ def agreement(
     result, parts = validated(
         compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
     )
-    found, budget = parts.facts(result), parts.budget()
-    columns = {**result.to_columns(), **parts.columns(result)}
-    n = len(columns["run"])
-    columns["status"] = np.full(n, "ok", dtype=object)
+    found, budget, n = parts.facts(result), parts.budget(), len(result.run)
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
     if result.share_compared < ENOUGH:
-        few = f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "
-        warnings.insert(0, f"{few}these only")
+        few = f"only {n} of {result.n_usable} measured runs were compared"
+        warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        columns,
+        {
+            **result.to_columns(),
+            **parts.columns(result),
+            "status": np.full(n, "ok", dtype=object),
+        },
         result,
         facts={
             "runs_compared": n,
@@ -115,3 +161,273 @@ def agreement(
         verdict=result.verdict,
         passed=bool(result.passed),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """The predicted runs of one fold."""
+
+    fold: Fold
+    part: RunsUncertainty
+    """The predicted coefficients and their uncertainty by source."""
+    beyond: int
+    """Number of predicted runs whose mean force no other run reached."""
+    warnings: tuple[str, ...] = ()
+
+
+def predicted_runs(
+    friction: Any, law: Any, config: Config, by: str, workers: Workers
+) -> Outcome[AgreementResult]:
+    """Predict the runs of every arc or speed from the others, and compare them."""
+    columns = with_tensions(friction_columns(friction, HELD_OUT), config)
+    log.info("every %s left out once and predicted", by)
+    press = press_law(law, config)
+    usable, _ = usable_runs(columns, rig_of_runs(columns, config))
+    calls = [(columns, press, config, fold) for fold in folds(columns, usable, by)]
+    found = dict(workers.as_ended(predict, calls))
+    predicted = [found[k] for k in range(len(calls))]
+    rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
+    measured = {name: values[rows] for name, values in columns.items()}
+    uncertainty = _of_all(predicted, measured["run"])
+    simulated = {**{name: measured[name] for name in SETTINGS}, "mu_sliding": uncertainty.mu}
+    outcome = agreement(measured, simulated, config, uncertainty)
+    groups = [*outcome.tables["groups"]]
+    if by == "speed":
+        result = outcome.result
+        ends = np.cumsum([prediction.fold.left_out.size for prediction in predicted])[:-1]
+        differences = np.split(result.relative_difference, ends)
+        forces = np.split(result.normal_force_N_m, ends)
+        for prediction, *of_fold in zip(predicted, differences, forces, strict=True):
+            groups.append(Statistics.of(prediction.fold.name, *of_fold).as_row())
+    return replace(
+        outcome,
+        facts={"hold_out": by, **outcome.facts},
+        tables={**outcome.tables, "groups": groups},
+        notes=(*_notes(predicted, by), *outcome.notes),
+        warnings=(*outcome.warnings, *(line for p in predicted for line in p.warnings)),
+    )
+
+
+def _notes(predicted: Sequence[Predicted], by: str) -> Iterator[str]:
+    yield f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
+    if by == "speed":
+        yield "predicted between speeds: the lowest and the highest were never left out"
+    if beyond := sum(prediction.beyond for prediction in predicted):
+        n = sum(prediction.fold.left_out.size for prediction in predicted)
+        yield (
+            f"{beyond} of {n} predicted runs have a mean force that no other run reached: "
+            "the nearest value was used there"
+        )
+    knows_arcs = all(any(s.error == ARC for s in p.part.sources) for p in predicted)
+    if by == "arc" and not knows_arcs:
+        yield (
+            "a single arc was left, which does not show how much arcs differ: such a difference is "
+            "not included in the uncertainty of the prediction"
+        )
+
+
+def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Predicted:
+    """Refine the surface from the remaining runs and simulate the runs left out."""
+    remaining = {name: values[fold.rest] for name, values in columns.items()}
+    campaign, speeds, _, _ = prepared_campaign(remaining, press, config, {})
+    reference = reference_temperature(config, campaign)
+    shared = reduction_sources(campaign.measured.columns)
+    solution = refine_surface(campaign, speeds, shared, reference)
+    surface = with_covariance(solution)
+    rig, kind = campaign.bench.rig, campaign.measured.kind
+    measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
+    arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
+    n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
+    # an unseen arc has its own effect, with the same variance as the others
+    arc_sources = [source for source in solution.sources if source.error == ARC][:1]
+    of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
+    sources = with_rig_sources(solution.sources, of_arcs)
+    points = measured.points
+    bench = replace(campaign.bench, surface=surface)
+    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
+    if fold.by == "speed":
+        log_mu = np.log(surface.mu_nodes).mean(axis=0)
+        measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
+        missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
+        part = replace(
+            part,
+            sources=(*sources, replace(BETWEEN_SPEEDS, place=int(fold.left_out[0]))),
+            simulated=np.hstack([part.simulated, missed]),
+            difference=np.hstack([part.difference, missed]),
+        )
+    force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
+    beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
+    warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
+    return Predicted(fold, part, beyond, warnings)
+
+
+def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertainty:
+    """Return the uncertainty of all predicted runs; the folds may differ in their sources.
+
+    Both sides are of one bench: its errors are none of the difference, unlike effects and an
+    interpolation, which the predicted runs have for themselves, and errors of the reduction, which
+    cancel. The settings are those of the measured runs, exactly as measured.
+    """
+    sources, parts = dict[tuple[str, int], Source](), []
+    for prediction in predicted:
+        for source in prediction.part.sources:
+            sources.setdefault((source.error, source.place), source)
+    column = {key: k for k, key in enumerate(sources)}
+    for part in (prediction.part for prediction in predicted):
+        aligned = [column[source.error, source.place] for source in part.sources]
+        simulated, difference = np.zeros((2, part.mu.size, len(column)))
+        simulated[:, aligned], difference[:, aligned] = part.simulated, part.difference
+        zero = np.zeros((part.mu.size, 2))
+        parts.append(replace(part, simulated=simulated, difference=difference, by_setting=zero))
+    return replace(
+        RunsUncertainty.joined(parts),
+        sources=tuple(sources.values()),
+        runs=tuple(str(label) for label in labels),
+    )
+
+
+def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
+    """Compare every run of a drive with its prediction, and judge those of enough torque."""
+    measured, table = slip.columns, drive.columns
+    rows = _predicted_rows(slip, drive)
+    there, ratio = rows >= 0, _ratio_at_idle(table)
+    predicted = {
+        name: np.where(there, (table[source] * ratio)[rows], np.nan)
+        for name, source in OF_PREDICTION.items()
+    }
+    loss = measured["speed_loss_rad_s"]
+    # Eq. (7): the standard error of the loss is that of the sliding speed over R
+    radius = np.nanmedian(_over(measured["slip_speed_m_s"], loss))
+    shares = table["arc_used_deg"] / table["wrap_deg"]
+    used = [np.fmax.reduce(shares[table["run"] == run], initial=np.nan) for run in measured["run"]]
+    points = LossPoints(
+        measured=loss,
+        measured_u=measured["slip_speed_se_m_s"] / radius,
+        predicted=predicted["loss_predicted_rad_s"],
+        predicted_u=predicted["u_input_rad_s"],
+        creep=predicted["loss_creep_rad_s"],
+        seating=predicted["loss_seating_rad_s"],
+        slip=predicted["loss_slip_rad_s"],
+        torque=measured["torque_N_m"],
+        arc_share=np.array(used),
+        usable=measured["status"] == OK,
+    )
+    section = config.compare_drive
+    result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
+    of_prediction = np.where(there, table["status"][rows], "no steady state")
+    status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
+    status[(status == OK) & ~result.judged] = "torque too small to be judged"
+    settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
+    return Outcome(
+        {
+            **{name: measured[name] for name in settings},
+            **predicted,
+            "loss_measured_rad_s": loss,
+            "difference_rad_s": result.difference,
+            "relative_difference": _over(result.difference, loss),
+            "u_measured_rad_s": points.measured_u,
+            "u_validation_rad_s": result.u_validation,
+            "e_over_u": _over(result.difference, result.u_validation),
+            "arc_share": points.arc_share,
+            "judged": result.judged,
+            "status": status,
+        },
+        result,
+        facts={
+            "points_judged": int(result.judged.sum()),
+            "points_to_be_judged": result.asked,
+            "rms_relative_error": result.rms_relative,
+            "rms_over_uncertainty": result.rms_over_u,
+            "prominence": result.prominence,
+            "largest_arc_share": result.largest_arc_share,
+        },
+        validity={"torque_N_m": span(points.torque[result.judged])},
+        set_aside=[
+            {"run": str(run), "why": str(why)}
+            for run, why in zip(measured["run"], status, strict=True)
+            if why != OK
+        ],
+        notes=tuple(_statements(result)),
+        verdict=_verdict(result, 100.0 * section.max_rms_relative_error),
+        passed=bool(result.passed),
+    )
+
+
+def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Divide; nan where the divisor is zero."""
+    return np.divide(values, by, out=np.full(by.size, np.nan), where=by != 0.0)
+
+
+def _predicted_rows(slip: Any, drive: Any) -> np.ndarray:
+    """Return the row of the loaded pulley for each measured run; -1 if not predicted."""
+    loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
+    if loaded is None:
+        raise InputError(
+            f"{name}: its points do not come from a recording; predict those of the "
+            "recording with beltid simulate-drive --from"
+        )
+    of_loaded = np.flatnonzero(drive.columns["pulley"] == loaded).tolist()
+    row_of = {drive.columns["run"][row]: row for row in of_loaded}
+    rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
+    if (rows < 0).all():
+        raise InputError(f"{name}: has none of the runs of {getattr(slip, 'path', 'slip')}")
+    return rows
+
+
+def _ratio_at_idle(columns: Columns) -> np.ndarray:
+    """Return the driver's speed over that of each pulley at idle."""
+    at_idle = np.abs(columns["speed_rad_s"]) + columns["speed_loss_rad_s"]
+    return _over(np.abs(columns["driver_speed_rad_s"]), np.where(at_idle > 0.0, at_idle, 0.0))
+
+
+def _status(measured: str, predicted: str) -> str:
+    """Return "ok", or why a point cannot be judged."""
+    if measured == GROSS_SLIP:
+        return f"{GROSS_SLIP} on the bench (predicted: {predicted})"
+    if measured != OK:
+        return measured
+    return OK if predicted in (ADHESION, FULL_SLIP) else f"predicted: {predicted}"
+
+
+def _statements(result: LossAgreement) -> Iterator[str]:
+    """State what the recording tests and what it does not test."""
+    share, sizes = f"{100.0 * result.largest_arc_share:.0f} % of an arc slides", result.prominence
+    resolved, unresolved = (
+        ", ".join(
+            f"{name} ({size:.1f} standard uncertainties)"
+            for name, size in sizes.items()
+            if (size > RESOLVED) == is_resolved
+        )
+        for is_resolved in (True, False)
+    )
+    more = f"; too small to be seen in it: {unresolved}" if unresolved else ""
+    yield f"parts of the loss that this recording can test: {resolved or 'none'}{more}"
+    if result.largest_arc_share <= MOST_OF_ARC:
+        yield (
+            f"friction is not tested: at most {share}, and short of full slip the loss hardly "
+            "depends on it"
+        )
+    elif sizes["slip"] <= RESOLVED:
+        yield (
+            f"up to {share}: friction is large enough to carry the torques, but this recording "
+            "does not determine how large it is"
+        )
+    else:
+        yield f"up to {share}: friction is tested by the points in full slip"
+    yield (
+        "the axial stiffness must come from another source, such as a tensile test: if it were "
+        "fitted to this recording, the agreement would be a calibration, not a test"
+    )
+
+
+def _verdict(result: LossAgreement, allowed_percent: float) -> str:
+    word, rms = "PASS" if result.passed else "FAIL", 100.0 * result.rms_relative
+    if not np.isfinite(rms):
+        return f"{word}: no point could be judged"
+    text = (
+        f"{word}: RMS {rms:.2f} % {'<=' if rms <= allowed_percent else '>'} {allowed_percent:g} %"
+    )
+    if np.isfinite(result.rms_over_u):
+        text += f", {result.rms_over_u:.2f} standard uncertainties"
+    missing = result.asked - int(result.judged.sum())
+    return text + (f"; {missing} points have no prediction" if missing else "")

@@ -1,9 +1,12 @@
-"""A belt drive, predicted from the identified laws (section 2.2)."""
+"""A belt drive of a config, predicted from the identified laws (section 2.2).
+
+Its operating points come from the config or from a speed-loss recording.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,24 +15,23 @@ from beltid.config import Config
 from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import installed_belts, slip_limit
-from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
 from beltid.drive.rods import short_spans
-from beltid.errors import ConvergenceError, NumericsError
+from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
 from beltid.report.conditions import series_of
 from beltid.stage import Outcome
-from beltid.stages.columns import span
-from beltid.stages.drive_of_config import (
-    LabelledPoint,
-    drive_of,
-    drive_warnings,
-    load_pulley,
-    points_of_config,
-    points_of_slip,
+from beltid.stages.inputs import (
+    Columns,
+    joined,
+    press_law,
+    span,
+    standard_uncertainties,
+    surface_from,
 )
-from beltid.stages.inputs import press_law, standard_uncertainties, surface_from
 from beltid.uncertainty.drive import (
     DriveUncertainty,
     change_by_slower_friction,
@@ -43,32 +45,37 @@ SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
+ALIKE_RADII: Final = (0.7, 1.5)
+"""Pulley radius over rig radius for which the laws may hold: wedging changes with curvature."""
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside the measured range above which a warning is given."""
 
-Solved = tuple[LabelledPoint, DriveResult]
-"""An operating point with its steady state."""
+Points = Mapping[str, DrivePoint]
+"""Operating points by their labels in tables."""
+Results = Mapping[str, DriveResult]
 Rows = list[dict[str, Any]]
 
 
-def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tuple[Solved, ...]]:
+def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Results]:
     """Predict the operating points of a speed-loss recording, else those of the config."""
     friction, press, section = surface_from(surface), press_law(law, config), config.drive
     points = points_of_config(config) if slip is None else points_of_slip(config, slip.columns)
     log.info("%d operating points, %s", len(points), section.method)
     drive = drive_of(config, friction, press.law)
     at_rest = Simulator(drive).at_rest
-    stated = _of_config(config, drive, [at_rest(p.point).T_0 for p in points])
+    stated = [*_of_config(config, drive, min(at_rest(p).T_0 for p in points.values()))]
     simulator = Simulator(drive, section.method)
-    good, failed = _solve_points(simulator, points)
-    heaviest = _most_loaded(good)
-    uncertainty, sources = _uncertainty(config, drive, good, press)
+    good, failed = _solved(simulator, points)
+    # the most loaded point: of those with a steady state, if there is any
+    steady = [run for run, result in good.items() if set(result.status) <= {ADHESION, FULL_SLIP}]
+    heaviest = max(steady or good, key=lambda run: good[run].load)
+    uncertainty, sources = _uncertainty(config, drive, [points[run] for run in good], good, press)
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
-    of_string = [p.run for (p, _), is_so in zip(good, uncertainty.by_string, strict=True) if is_so]
+    of_string = [run for run, is_so in zip(good, uncertainty.by_string, strict=True) if is_so]
     return Outcome(
         columns,
-        tuple(good),
+        good,
         facts={
             "method": section.method,
             "points": len(good),
@@ -81,38 +88,195 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
             "loaded_pulley": None if slip is None else load_pulley(section),
         },
         tables={
-            "slip_limits": _limits(simulator, good),
-            "laid": _layout_rows(drive, good[0][1]),
-            "arcs": _arcs(heaviest),
-            "installed": _installed(section, drive, heaviest[0].point),
+            "slip_limits": _limits(simulator, points, good),
+            "laid": _layout_rows(drive, next(iter(good.values()))),
+            "arcs": _arcs(heaviest, good[heaviest]),
+            "installed": _installed(section, drive, points[heaviest]),
             "budget": _budget(columns["speed_loss_rad_s"], sources, uncertainty),
         },
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
-        set_aside=[{"run": point.run, "why": "; ".join(e.problems)} for point, e in failed],
+        set_aside=[{"run": run, "why": "; ".join(e.problems)} for run, e in failed.items()],
         notes=tuple(_notes(columns, drive, section.method, of_string)),
         warnings=(
             *stated,
-            *(f"point {point.run}: {error}" for point, error in failed),
+            *(f"point {run}: {error}" for run, error in failed.items()),
             *_outside(columns, friction),
             *([] if slip is None else _other_radii(section, slip)),
         ),
     )
 
 
-def _of_config(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
-    """Return warnings about what the config states of a drive."""
-    warnings = []
+def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
+    """Build the drive of a config with identified laws; refuse names that are not of a pulley."""
+    section = config.drive
+    names = [pulley.name for pulley in section.pulleys]
+    _check_names(section, names)
+    driven = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    pulleys = tuple(
+        Pulley(
+            pulley.name,
+            pulley.x_m,
+            pulley.y_m,
+            pulley.radius_m,
+            pulley.side == "rib",
+            0.0 if pulley.name in {*driven, section.driving} else section.idler_torque_N_m,
+        )
+        for pulley in section.pulleys
+    )
+    return Drive(
+        config.belt_params(),
+        law,
+        surface,
+        pulleys,
+        names.index(section.driving),
+        section.installation,
+        _tensioner(section, names),
+        section.back_friction,
+        belt_length=math.nan if section.belt_length_m is None else section.belt_length_m,
+    )
+
+
+def _check_names(section: DriveSection, names: Sequence[str]) -> None:
+    points = section.operating_points
+    stated: dict[str, Iterable[str]] = {
+        "drive.driver": [section.driving],
+        "drive.operating_points.torque_N_m": points.torque_N_m,
+        "drive.operating_points.power_W": points.power_W,
+        "drive.tensioner.pulley": [section.tensioner.pulley] if section.tensioner else [],
+    }
+    problems = [
+        f"{key}: {name} is not the name of a pulley, must be one of {', '.join(names)}"
+        for key, references in stated.items()
+        for name in references
+        if name not in names
+    ]
+    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
+    problems += [f"drive.pulleys: {name} is named twice" for name in twice]
+    if (section.tensioner is not None) != (section.installation == "tensioner"):
+        problems.append(
+            "drive.tensioner: must be stated with installation: tensioner, and only then"
+        )
+    if problems:
+        raise InputError(problems)
+
+
+def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
+    if section.tensioner is None:
+        return None
+    arm = section.tensioner.si()
+    free, stops = arm["free_angle_rad"], (-math.inf, math.inf)
+    if section.tensioner.stops_deg is not None:
+        angles = (math.radians(stop) - free for stop in section.tensioner.stops_deg)
+        low, high = sorted(free + math.remainder(angle, 2.0 * math.pi) for angle in angles)
+        stops = low, high
+    return Tensioner(
+        names.index(arm["pulley"]),
+        arm["pivot_m"],
+        arm["arm_m"],
+        free,
+        arm["preload_N_m"],
+        arm["rate_N_m_rad"],
+        stops,
+    )
+
+
+def points_of_config(config: Config) -> dict[str, DrivePoint]:
+    """Return the operating points of a config: every initial tension with every listed point."""
+    section = config.drive
+    points, names = section.operating_points, [pulley.name for pulley in section.pulleys]
+    lists = {"driver_speed_rad_s": points.driver_speed_rad_s}
+    for key in ("torque_N_m", "power_W"):
+        lists |= {f"{key}.{name}": values for name, values in getattr(points, key).items()}
+    n = max(len(values) for values in lists.values())
+    problems = [
+        f"drive.operating_points.{key}: {len(values)} values, must be 1 or {n} (the longest list)"
+        for key, values in lists.items()
+        if len(values) not in (1, n)
+    ]
+    length, tensions = section.belt_length_m, section.initial_tension_N
+    if length is not None and (tensions is not None or section.installation == "slack_force"):
+        problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
+    if section.installation != "tensioner" and tensions is None and length is None:
+        problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
+    if problems:
+        raise InputError(problems)
+    full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
+    nothing = (0.0,) * n
+    found = dict[str, DrivePoint]()
+    for tension in tensions or (math.nan,):
+        for i in range(n):
+            torque, power = (
+                tuple(full.get(f"{key}.{name}", nothing)[i] for name in names)
+                for key in ("torque_N_m", "power_W")
+            )
+            speed = full["driver_speed_rad_s"][i]
+            found[str(len(found) + 1)] = DrivePoint(speed, tension, torque, power)
+    return found
+
+
+def points_of_slip(config: Config, columns: Columns) -> dict[str, DrivePoint]:
+    """Return the operating points of a speed-loss recording, with the torque on the load pulley.
+
+    A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
+    the recording uses the other sign, and all signs are reversed.
+    """
+    loaded = [pulley.name == load_pulley(config.drive) for pulley in config.drive.pulleys]
+    speed, tension, torque, loss = (
+        np.asarray(columns[name], dtype=float)
+        for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
+    )
+    braking = torque * np.sign(speed)
+    if np.nansum(braking * loss) < 0.0:
+        braking = -braking
+    is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
+    if not is_complete.any():
+        raise InputError("no run of the recording has a driver speed, a torque and a tension")
+    return {
+        str(columns["run"][i]): DrivePoint(
+            float(speed[i]),
+            float(tension[i]),
+            tuple(float(braking[i]) if on else 0.0 for on in loaded),
+        )
+        for i in np.flatnonzero(is_complete)
+    }
+
+
+def load_pulley(section: DriveSection) -> str:
+    """Return the only pulley that takes torque, which a speed-loss recording contains."""
+    others = [pulley.name for pulley in section.pulleys if pulley.name != section.driving]
+    stated = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    candidates = [name for name in others if name in stated] or others
+    if len(candidates) != 1:
+        raise InputError(
+            f"drive.operating_points: {', '.join(candidates)} could be the pulley of the recorded "
+            "torque; state a torque_N_m for that one only"
+        )
+    return candidates[0]
+
+
+def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[str]:
+    """Yield warnings about what the config states of a drive; refuse spans too short for rods."""
     if "drive" not in config.model_fields_set:
-        warnings.append(
+        yield (
             "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, "
             "are assumed"
         )
     if config.belt.shear_stiffness_N_m2 is not None:
-        warnings.append(
+        yield (
             "belt.shear_stiffness_N_m2: in a drive the ribs are rigid along the belt, so the loss "
             "is too small"
         )
-    return warnings + drive_warnings(config, drive, tensions)
+    spans = layout(drive).spans
+    problems = short_spans(drive, spans, np.full(spans.size, least_tension))
+    if problems and config.drive.method == "rod":
+        raise InputError(problems)
+    low, high = (share * config.rig.pulley_radius_m for share in ALIKE_RADII)
+    for pulley in drive.pulleys:
+        if pulley.ribs and not low <= pulley.R <= high:
+            yield (
+                f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low:g} to {high:g} m, "
+                "where the contact identified on the rig can be expected to hold"
+            )
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
@@ -120,9 +284,8 @@ def _other_radii(section: DriveSection, slip: Any) -> list[str]:
     radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
     loaded, name = load_pulley(section), getattr(slip, "path", "slip")
     stated, ratio = radius[loaded] / radius[section.driving], slip.facts.get("pulley_ratio")
-    if not ratio or not slip.facts.get("pulley_ratio_se"):
-        return []
-    if abs(ratio / stated - 1.0) < ALIKE_RATIOS:
+    known = ratio and slip.facts.get("pulley_ratio_se")
+    if not known or abs(ratio / stated - 1.0) < ALIKE_RATIOS:
         return []
     return [
         f"{name}: without torque the driver turns {ratio:.4g} times as fast as {loaded}, with the "
@@ -131,41 +294,35 @@ def _other_radii(section: DriveSection, slip: Any) -> list[str]:
     ]
 
 
-def _solve_points(
-    simulator: Simulator, points: Sequence[LabelledPoint]
-) -> tuple[list[Solved], list[tuple[LabelledPoint, ConvergenceError]]]:
+def _solved(
+    simulator: Simulator, points: Points
+) -> tuple[dict[str, DriveResult], dict[str, ConvergenceError]]:
     """Solve all points; return the steady states, and the errors of the points that failed."""
-    good: list[Solved] = []
-    failed: list[tuple[LabelledPoint, ConvergenceError]] = []
-    for labelled in points:
+    good: dict[str, DriveResult] = {}
+    failed: dict[str, ConvergenceError] = {}
+    for run, point in points.items():
         try:
-            result = simulator.solve(labelled.point)
-            if result.state.rods:
-                too_short = short_spans(result.drive, result.state.laid.spans, result.state.P)
-                if too_short:
-                    raise ConvergenceError(too_short)
-            good.append((labelled, result))
+            result = simulator.solve(point)
+            state = result.state
+            too_short = short_spans(result.drive, state.laid.spans, state.P) if state.rods else ()
+            if too_short:
+                raise ConvergenceError(too_short)
+            good[run] = result
         except ConvergenceError as error:
-            failed.append((labelled, error))
+            failed[run] = error
     if not good:
-        problems = [f"point {labelled.run}: {error}" for labelled, error in failed]
+        problems = [f"point {run}: {error}" for run, error in failed.items()]
         if simulator.method == "rod":
             problems.append("drive.method: string does without rods")
         raise NumericsError(problems)
     return good, failed
 
 
-def _most_loaded(good: Sequence[Solved]) -> Solved:
-    """Return the most loaded steady point, or the most loaded point if none is steady."""
-    steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
-    return max(steady or good, key=lambda solved: solved[1].load)
-
-
 def _uncertainty(
-    config: Config, drive: Drive, good: Sequence[Solved], press: PressLaw
+    config: Config, drive: Drive, points: Sequence[DrivePoint], good: Results, press: PressLaw
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
     """Return the uncertainty of the speed losses and its sources."""
-    points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
+    results = list(good.values())
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
     uncertainty = drive_uncertainty(drive, points, results, press, sources)
     if config.drive.method == "string":
@@ -178,22 +335,23 @@ def _uncertainty(
     return uncertainty, sources
 
 
-def _limits(simulator: Simulator, good: Sequence[Solved]) -> Rows:
+def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
-    speeds = np.array([result.point.omega for _, result in good])
-    series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
-    rows = []
+    runs, rows = list(good), []
+    speeds = np.array([result.point.omega for result in good.values()])
+    series = series_of(speeds, np.array([result.rest.T_0 for result in good.values()]))
     for (speed, tension), of in series.items():
-        labelled, result = max((good[i] for i in of), key=lambda solved: solved[1].load)
-        if result.load != 0.0:
-            limit = slip_limit(simulator, labelled.point)
+        run = max((runs[i] for i in of), key=lambda run: good[run].load)
+        load = good[run].load
+        if load != 0.0:
+            limit = slip_limit(simulator, points[run])
             rows.append(
                 {
                     "driver_speed_rad_s": speed,
                     "initial_tension_N": tension,
-                    "largest_torque_N_m": result.load,
-                    "adhesion_end_torque_N_m": limit.adhesion * result.load,
-                    "slip_limit_torque_N_m": limit.slip * result.load,
+                    "largest_torque_N_m": load,
+                    "adhesion_end_torque_N_m": limit.adhesion * load,
+                    "slip_limit_torque_N_m": limit.slip * load,
                 }
             )
     return rows
@@ -238,13 +396,12 @@ def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
     ]
 
 
-def _arcs(heaviest: Solved) -> Rows:
-    """Return line force and sliding speed along every arc at the most loaded point."""
-    labelled, result = heaviest
+def _arcs(run: str, result: DriveResult) -> Rows:
+    """Return line force and sliding speed along every arc of one point."""
     return [
         {
             "pulley": pulley.name,
-            "run": labelled.run,
+            "run": run,
             "angle_deg": np.degrees(profile.angle),
             "normal_force_N_m": profile.normal_force,
             "slip_speed_m_s": profile.slip_speed,
@@ -254,26 +411,29 @@ def _arcs(heaviest: Solved) -> Rows:
     ]
 
 
-def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
+def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
     """Return the columns of the drive table, with a row per point and pulley."""
-    n, blocks = len(drive.pulleys), [_block(result) for _, result in good]
-    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    for name, values in columns.items():
-        if values.dtype == float:
-            columns[name] = np.where(np.isfinite(values), values, np.nan)
+    names = np.array([pulley.name for pulley in drive.pulleys], dtype=object)
+    parts = [
+        {
+            "point": np.full(names.size, k),
+            "run": np.full(names.size, run, dtype=object),
+            "pulley": names,
+            **{name: result.in_order(values) for name, values in _block(result).items()},
+        }
+        for k, (run, result) in enumerate(good.items(), start=1)
+    ]
     return {
-        "point": np.repeat(np.arange(1, len(good) + 1), n),
-        "run": np.repeat(np.array([labelled.run for labelled, _ in good], dtype=object), n),
-        "pulley": np.tile(np.array([p.name for p in drive.pulleys], dtype=object), len(good)),
-        **columns,
+        name: np.where(np.isfinite(values), values, np.nan) if values.dtype == float else values
+        for name, values in joined(parts).items()
     }
 
 
 def _block(result: DriveResult) -> dict[str, np.ndarray]:
-    """Return the rows of one operating point, one per pulley in the order of the drive."""
+    """Return the columns of one operating point, by pulley in the order of the running belt."""
     state, loss, shares = result.state, result.loss, result.shares
     (before, behind), (x, y) = result.tensions, result.hub_force.T
-    rows = {
+    return {
         "driver_speed_rad_s": np.full(x.size, result.point.omega),
         "initial_tension_N": np.full(x.size, result.rest.T_0),
         "torque_N_m": result.torque,
@@ -299,7 +459,6 @@ def _block(result: DriveResult) -> dict[str, np.ndarray]:
         "steady_states": shares.steady_states,
         "span_frequency_Hz": result.span_frequency,
     }
-    return {name: result.in_order(values) for name, values in rows.items()}
 
 
 def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncertainty) -> Rows:
@@ -314,9 +473,7 @@ def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncer
     return budget("speed loss", sources, changes[significant] * per_loss[:, None], part)
 
 
-def _notes(
-    columns: Mapping[str, np.ndarray], drive: Drive, method: str, of_string: Sequence[str]
-) -> Iterator[str]:
+def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:
     yield (
         "the friction power is that of the contact alone; bending and seating of the belt cost "
         "about as much again"
@@ -351,7 +508,7 @@ def _notes(
             yield f"{len(runs)} points {words}: {', '.join(runs)}"
 
 
-def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> Iterator[str]:
+def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:
     """Yield warnings about friction outside the measured range of the laws."""
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,8 +27,15 @@ from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Export, export
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.inputs import friction_in, friction_of, load_law, pooled_row, surface_from
-from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
+from beltid.stages.inputs import (
+    Columns,
+    friction_in,
+    friction_of,
+    law_row,
+    load_law,
+    surface_from,
+)
+from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
 from beltid.store.disk import anyone_s, check_place, write_bytes
 
 ALL: Final = "all"
@@ -69,8 +76,20 @@ def run(
     point = reference_point(law, normal_force_N_m, slip_speed_m_s)
     names = tuple(TARGETS) if target == ALL else (target,)
     exports = {name: export(law, name, point) for name in names}
-    up_to_date = _write(folder, exports.values(), source, force=force)
-    return _summary(law, folder, exports, up_to_date)
+    files = {folder / name: data for made in exports.values() for name, data in made.files.items()}
+    changed = {p: data for p, data in files.items() if not p.is_file() or p.read_bytes() != data}
+    problems = list[str]()
+    for path in changed:
+        inputs = {"law file that is read": source} if source.is_file() else {}
+        try:
+            check_place(path, (path.suffix,), anyone_s, inputs=inputs, force=force)
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    for path, data in changed.items():
+        write_bytes(path, data)
+    return _summary(law, folder, exports, up_to_date=not changed)
 
 
 def _of_file(source: Path, surface: str | None) -> ContactLaw:
@@ -89,38 +108,17 @@ def _of_file(source: Path, surface: str | None) -> ContactLaw:
     return law
 
 
-def _write(folder: Path, exports: Iterable[Export], source: Path, *, force: bool) -> bool:
-    """Write the files; return whether all of them already existed with this content."""
-    files = {folder / name: data for export in exports for name, data in export.files.items()}
-    law = {"law file that is read": source} if source.is_file() else {}
-    problems, changed = list[str](), dict[Path, bytes]()
-    for path, data in files.items():
-        if path.is_file() and path.read_bytes() == data:
-            continue
-        changed[path] = data
-        try:
-            check_place(path, (path.suffix,), anyone_s, inputs=law, force=force)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    for path, data in changed.items():
-        write_bytes(path, data)
-    return not changed
-
-
 def _summary(
-    law: ContactLaw, folder: Path, exports: Mapping[str, Export], up_to_date: bool
+    law: ContactLaw, folder: Path, exports: Mapping[str, Export], *, up_to_date: bool
 ) -> Summary:
-    rows, overview, reductions = list[Any](), list[Any](), list[Any]()
+    rows, reductions = list[dict[str, Any]](), list[dict[str, Any]]()
     for name, made in exports.items():
-        row = {
+        about = {
+            "holds": TARGETS[name].holds,
             "reduced": ", ".join(made.reductions) or "nothing",
             "worst_percent": 100.0 * max((d.worst for d in made.reductions.values()), default=0),
         }
-        overview.append({"target": name, "files": len(made.files), **row})
-        holds = TARGETS[name].holds
-        rows += [{"target": name, "file": file, "holds": holds, **row} for file in made.files]
+        rows += [{"target": name, "file": file, **about} for file in made.files]
         reductions += [
             {
                 "target": name,
@@ -144,7 +142,6 @@ def _summary(
             "valid_speed_m_s": valid.slip_speed_m_s,
         },
         table=rows,
-        overview=overview if len(overview) > 1 else [],
         shown=("target", "file", "reduced", "worst_percent"),
         details={"reductions": reductions} if reductions else {},
         up_to_date=up_to_date,
@@ -160,8 +157,11 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
     log.info("surface: %s", wanted)
     surface = read_artifact(folder / SURFACES[wanted], "surface")
     refuse_misfits(a for a in (stiffness, surface, friction_in(folder)) if a is not None)
-    friction, row = friction_of(surface), pooled_row(stiffness)
-    normal = {name: _value(stiffness, name, row) for name in NormalPart.model_fields}
+    friction, row, fitted = friction_of(surface), law_row(stiffness), stiffness.columns
+    normal = {name: plain(fitted[name][row]) for name in NormalPart.model_fields if name in fitted}
+    covariance = fitted["covariance"][row].reshape(2, 2)
+    normal["covariance"] = covariance.tolist() if np.isfinite(covariance).all() else None
+    recordings = stiffness.record.inputs | (friction.record.inputs if friction else {})
     try:
         return ContactLaw(
             about=ABOUT,
@@ -172,8 +172,12 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
             friction=friction_part(
                 surface_from(surface),
                 surface.facts.get("method") or "published",
-                _budget(surface),
-                _sticking(friction),
+                tuple(
+                    Contribution(**{k: v for k, v in row.items() if k in Contribution.model_fields})
+                    for row in surface.tables.get("budget", ())
+                    if row["contribution_percent"] is not None
+                ),
+                None if friction is None else _sticking(friction.columns),
             ),
             validity=Validity(
                 measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
@@ -182,7 +186,15 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
                 penetration_m=stiffness.validity.get("penetration_m"),
                 press_force_N_m=stiffness.validity.get("force_N_m"),
             ),
-            provenance=_provenance(stiffness, surface, friction),
+            provenance=Provenance(
+                software=f"beltid {__version__}",
+                software_sha256=surface.record.sources,
+                artifacts={"stiffness": stiffness.sha256, "surface": surface.sha256},
+                recordings=recordings,
+                config=surface.record.config,
+                config_sha256=surface.record.config_sha256,
+                notes=(*stiffness.record.notes, *surface.record.notes),
+            ),
         )
     except ValidationError as error:
         raise ArtifactError(validation_problems(error, str(folder))) from None
@@ -200,47 +212,8 @@ def _belt(folder: Path, surface: Artifact, config: Path | None) -> BeltFacts:
     )
 
 
-def _value(stiffness: Artifact, column: str, row: int) -> Any:
-    """Return a number of a stiffness table, or its covariance; None if it is not known."""
-    values = stiffness.columns.get(column)
-    if values is None or values[row] is None:
-        return None
-    numbers = np.asarray(values[row], dtype=float)
-    if not np.isfinite(numbers).all():
-        return None
-    return numbers.reshape(2, 2).tolist() if numbers.ndim else float(numbers)
-
-
-def _budget(surface: Artifact) -> tuple[Contribution, ...]:
-    """Return the contributions to the uncertainty of mu, largest first, the combined one last."""
-    return tuple(
-        Contribution(**{name: row[name] for name in Contribution.model_fields if name in row})
-        for row in surface.tables.get("budget", ())
-        if row["contribution_percent"] is not None
-    )
-
-
-def _sticking(friction: Artifact | None) -> tuple[float, float] | None:
+def _sticking(friction: Columns) -> tuple[float, float] | None:
     """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
-    if friction is None:
-        return None
-    columns = friction.columns
-    ratio = columns["mu_sticking"] / columns["mu_sliding"]
-    ratio = ratio[(columns["status"] == "ok") & np.isfinite(ratio)]
+    ratio = friction["mu_sticking"] / friction["mu_sliding"]
+    ratio = ratio[(friction["status"] == "ok") & np.isfinite(ratio)]
     return (float(ratio.mean()), float(ratio.std(ddof=1))) if ratio.size > 1 else None
-
-
-def _provenance(stiffness: Artifact, surface: Artifact, friction: Artifact | None) -> Provenance:
-    """Return the hashes of the artifacts, and of the recordings as far as they are known."""
-    recordings = dict(stiffness.record.inputs)
-    if friction is not None:
-        recordings |= friction.record.inputs
-    return Provenance(
-        software=f"beltid {__version__}",
-        software_sha256=surface.record.sources,
-        artifacts={"stiffness": stiffness.sha256, "surface": surface.sha256},
-        recordings=recordings,
-        config=surface.record.config,
-        config_sha256=surface.record.config_sha256,
-        notes=(*stiffness.record.notes, *surface.record.notes),
-    )

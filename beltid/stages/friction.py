@@ -1,12 +1,16 @@
 """From the recording of the friction rig to a coefficient per run, Eqs. (5) to (8).
 
-Measured and simulated recordings pass the same reduction.
+Measured and simulated recordings pass the same reduction. A weight or a torque in another unit than
+assumed, or a speed in turns, changes mu or the sliding speed without any other sign: each is
+checked
+against what the cells show of the same run; the median over the runs decides. A unit alone is not
+believed, a calibration in the config is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -15,13 +19,24 @@ import numpy as np
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
+from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
 from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
-from beltid.laws.capstan import STRAIGHT, Spans
+from beltid.laws.capstan import STRAIGHT, Spans, friction_coefficient
 from beltid.stage import Outcome
-from beltid.stages.columns import at, columns_from, listed, span
-from beltid.stages.inputs import standard_uncertainties
-from beltid.stages.plausible import refuse_implausible
+from beltid.stages.inputs import (
+    Columns,
+    at,
+    columns_from,
+    joined,
+    listed,
+    set_aside_lines,
+    span,
+    standard_uncertainties,
+)
+from beltid.store.artifact import Artifact
+from beltid.tables.schemas import table
+from beltid.tables.units import CONVERSIONS, canonical_unit
 from beltid.uncertainty.measured import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -35,33 +50,54 @@ TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
 )
+TRAVEL_M: Final = (1e-4, 1e-3)
+"""Travel of the pulley's surface until the belt slides, on usual benches [m]."""
+WITHIN: Final = 3.0
+"""Factor by which the travel may leave this range, and that of the stated belt and span."""
+RADIUS: Final = 0.2
+"""Relative deviation allowed between the stated radius and torque over force difference."""
+REST: Final = 0.05
+"""Relative deviation allowed for the tension at rest: friction that the belt holds."""
+MASS: Final = 0.2
+"""Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
+MOST_ARCS: Final = 4
+MOST_SET_ASIDE: Final = 12
+"""Number of runs set aside that are kept for inspection."""
+MOST_RUNS: Final = 480
+"""Number of runs of a campaign that are kept as small pictures: the first ones."""
+SMALL_SAMPLES: Final = 80
+MOST_SAMPLES: Final = 1200
+"""Number of samples kept of a run; a longer run keeps the extremes of neighbouring samples."""
 
 
 def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction, ...]]:
     """Reduce every run of a recording, or every row of a table of plateaus."""
     config = config.with_rig(recording.rig)
-    kind, radius = rig_kind(config), config.rig.pulley_radius_m
+    kind, conditions = rig_kind(config), config.conditions
     with at(recording):
         runs = reduce_rig(recording, config)
         refuse_implausible(runs, config, kind)
-        surface, side = config.conditions.surface, config.conditions.side
-        runs = tuple(
-            replace(r, condition=r.condition or surface, side=r.side or side) for r in runs
-        )
         if not any(run.ok for run in runs):
             raise InputError([f"run {run.run} cannot be used: {run.status}" for run in runs])
-    direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
+    runs = tuple(
+        replace(
+            run,
+            condition=run.condition or conditions.surface,
+            side=run.side or conditions.side,
+        )
+        for run in runs
+    )
     # coefficients stated in a table do not depend on the calibration of a rig
+    direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     stated = StandardUncertainties() if direct else standard_uncertainties(config)
     columns = reduction_columns(runs)
-    combined, budget = friction_uncertainty(columns, stated, radius, kind)
-    columns |= combined
+    combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
     good = columns["status"] == "ok"
     aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
     names = ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
     ranges = {name: span(columns[name][good]) for name in names}
     return Outcome(
-        columns,
+        columns | combined,
         runs,
         facts={
             "runs": len(runs),
@@ -77,24 +113,23 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         notes=tuple(_notes(runs)),
         warnings=(
             *_warnings(runs, kind, held=config.rig.holds == "stretch"),
-            *(f"run {row['run']} set aside: {row['why']}" for row in aside),
+            *set_aside_lines(aside),
         ),
     )
 
 
 def rig_kind(config: Config) -> RigKind:
     """Return the kind of a config's friction rig: what it measures, and its load cells."""
-    rig = config.rig
+    rig, belt, known = config.rig, config.belt, config.friction
     # a running belt between two pulleys turns alike at both ends; the line of force does not turn
     bent = rig.kind == "torque_hub" and not rig.running
-    spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
-    known = config.friction
+    spans = Spans(belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     return RigKind(
         measures=rig.kind,
         weight_on=rig.weight_on,
         weight_stated=rig.given_force in SPANS,
         running=rig.running,
-        mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
+        mass_per_length_kg_m=belt.mass_per_length_kg_m,
         cells=(
             KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),
             KnownCell(known.tension_slack_tare_N, known.tension_slack_gain),
@@ -103,15 +138,12 @@ def rig_kind(config: Config) -> RigKind:
     )
 
 
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
 def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     """Reduce the runs of a recording of the friction rig, or the rows of a table of plateaus."""
     radius = config.rig.pulley_radius_m
     if rig.kind == "points":
-        resolution = _or_nan(config.rig.force_resolution_N)
+        resolution = config.rig.force_resolution_N
+        resolution = math.nan if resolution is None else resolution
         return reduce_plateaus(rig.columns, radius, rig_kind(config), resolution)
     records = records_of(rig, config)
     if rig.is_artifact:  # from perfect cells
@@ -135,39 +167,33 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     """
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
-        kind = replace(kind, cells=PERFECT)
-        if config.rig.kind == "dead_weight" or config.rig.given_force in SPANS:
-            kind = replace(kind, measures="dead_weight")
+        weighs = config.rig.kind == "dead_weight" or config.rig.given_force in SPANS
+        kind = replace(kind, cells=PERFECT, measures="dead_weight" if weighs else "two_cells")
+        if weighs:
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
-        else:
-            kind = replace(kind, measures="two_cells")
     return run_records(columns, config.rig.pulley_radius_m, kind)
 
 
 def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     """Return the columns of the friction table; a run set aside keeps the values found for it."""
-    return columns_from(
-        "friction",
-        runs,
-        notes=[_notes_of(run) for run in runs],
-    )
+    return columns_from("friction", runs, notes=["; ".join(_said(run)) or None for run in runs])
+
+
+def _said(run: RunReduction) -> Iterator[str]:
+    """Yield the notes of a run for the user."""
+    yield from _drag_taken_off(run)
+    if run.arc_deg >= TOUCH_DEG:
+        yield TOUCHING
+    yield from run.notes
+    if run.mu_sticking_reason:
+        yield f"no mu_sticking: {run.mu_sticking_reason}"
 
 
 def _drag_taken_off(run: RunReduction) -> Iterator[str]:
-    """Yield the bearing drag that was subtracted from the torque of a run."""
     if run.drag_N_m is not None:
         low, high = run.drag_N_m
         size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
-
-
-def _notes_of(run: RunReduction) -> str | None:
-    """Return the notes of a run for the user, as one text."""
-    notes = [*_drag_taken_off(run), *([TOUCHING] if run.arc_deg >= TOUCH_DEG else [])]
-    notes += run.notes
-    if run.mu_sticking_reason:
-        notes.append(f"no mu_sticking: {run.mu_sticking_reason}")
-    return "; ".join(notes) or None
 
 
 def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
@@ -182,10 +208,9 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             "pulley without the belt and mark it with a column idle: true"
         )
     if kind.measures == "torque_hub" and not kind.running and not held:
-        ratio = np.array(
-            [(r.tension_tight_N + r.tension_slack_N) / (2.0 * r.initial_tension_N) for r in good]
-        )
-        growth = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0
+        sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
+        ratios = [sliding / rest for sliding, rest in sums if np.isfinite(sliding / rest)]
+        growth = float(np.median(ratios or 1.0))
         if abs(growth - 1.0) > CONSTANT:
             yield (
                 f"the sum of the tensions is {growth:.3g} times that at rest: the hub force is not "
@@ -218,10 +243,8 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
 def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
     """Yield notes on events in several runs, with the number of runs."""
     yield from dict.fromkeys(line for run in runs for line in _drag_taken_off(run))
-    for text, counts in (
-        ("spikes left out", [run.n_spikes for run in runs]),
-        ("samples missing", [run.n_missing for run in runs]),
-    ):
+    for text, name in (("spikes left out", "n_spikes"), ("samples missing", "n_missing")):
+        counts = [getattr(run, name) for run in runs]
         if hit := sum(count > 0 for count in counts):
             yield f"{sum(counts)} {text}, in {counted(hit, 'run')}"
     if swapped := [run.run for run in runs if run.swapped]:
@@ -234,3 +257,191 @@ def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
             f"standard error of mu above {percent(100 * FAINT)} in {listed(faint)}: readings near "
             "their resolution or noise, which carry little weight"
         )
+
+
+def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:
+    """Refuse runs whose weight, torque or speed the load cells contradict."""
+    if kind.running:
+        return
+    checks = (*_weights(runs, config, kind), *_torques(runs, config, kind), *_travels(runs, config))
+    if problems := [line for line in checks if line]:
+        raise InputError(problems)
+
+
+def _contradiction(
+    config: Config, run: str, column: str, found: str, factor: float, meant: Sequence[str] = ()
+) -> str:
+    """Describe what contradicts a column, with the unit that would resolve it.
+
+    `factor` would make its numbers plausible, `meant` are the units that may be meant (empty: any).
+    Empty with a calibration in the config.
+    """
+    stated, ours = config.units["rig"].get(column), table("rig").column(column).unit
+    if isinstance(stated, dict):
+        return ""
+    read_in, known = canonical_unit(stated or ours), CONVERSIONS[ours]
+    factor *= known[read_in].factor
+    likely = min(
+        meant or known,
+        key=lambda u: abs(math.log(known[u].factor / factor)) + (u == "deg/s"),  # which is rare
+    )
+    line = f"units: {{rig: {{{column}: "
+    remedy = f"is {column} in {likely}? {line}{likely}}}}}; " if likely != read_in else ""
+    return (
+        f"run {run}: {found}; {remedy}if its numbers are right: {line}{{factor: 1, offset: 0}}}}}}"
+    )
+
+
+def _median(values: Mapping[str, float]) -> tuple[str, float]:
+    """Return the run nearest to the median over the runs, and the median."""
+    median = float(np.median(list(values.values())))
+    return min(values, key=lambda run: abs(values[run] - median)), median
+
+
+def _weights(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Iterator[str]:
+    """At rest, the cell of the other span shows about the weight, not 9.8 times as much."""
+    rests = {run.run: run.rest_N for run in runs if min(run.rest_N) > 0.0}
+    if kind.weight is None or not rests:
+        return
+    weight = SPANS.index(kind.weight)
+    cell = f"tension_{SPANS[1 - weight]}_N"
+    run, ratio = _median({name: rest[1 - weight] / rest[weight] for name, rest in rests.items()})
+    found = f"at rest {cell} is {ratio:.3g} times weight_N"
+    for column, factor in (("weight_N", ratio), (cell, 1.0 / ratio)):
+        if any(abs(factor / CONVERSIONS["N"][u].factor - 1.0) < MASS for u in ("kg", "g")):
+            yield _contradiction(config, run, column, found, factor, ("kg", "g"))
+
+
+def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Iterator[str]:
+    """Torque over force difference is the radius.
+
+    Both ends of the belt are held: the tension at rest lies between the logarithmic mean of both
+    tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
+    """
+    beside = kind.span_beside_torque
+    if beside is None or kind.weight_stated:  # a weight holds no end
+        return
+    lows, highs, sign = {}, {}, 1.0 if beside == "slack" else -1.0
+    for run in runs:
+        part, rest = run.tension_tight_N - run.tension_slack_N, float(np.mean(run.rest_N))
+        if run.ok and part > 0.0 and rest > 0.0:
+            measured = run.tension_slack_N if beside == "slack" else run.tension_tight_N
+            possible = [p for x in (-REST, REST) for p in _parts(rest * (1 + x), measured, sign)]
+            lows[run.run] = part / max(possible)
+            highs[run.run] = part / max(min(possible), 1e-9 * rest)
+    if not lows:
+        return
+    (label, low), (_, high) = _median(lows), _median(highs)
+    if low > 1.0 + RADIUS or high < 1.0 / (1.0 + RADIUS):
+        nearest = low if low > 1.0 else high
+        found = (
+            f"torque over force difference gives {nearest:.2g} times rig.pulley_radius_m by the "
+            f"change of tension_{beside}_N, must be the radius within {100 * RADIUS:g} % (an idle "
+            "run takes off the drag of the bearings)"
+        )
+        yield _contradiction(config, label, "torque_N_m", found, 1.0 / nearest)
+
+
+def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
+    """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
+
+    `measured_N` is the tension of one span while the belt slides, `sign` +1 for the slack one.
+    """
+    y = sign * np.linspace(1e-3, 12.0, 4000)
+    logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one
+    order = np.argsort(logarithmic_mean)
+    x = float(np.interp(rest_N / measured_N, logarithmic_mean[order], y[order]))
+    return measured_N * abs(math.expm1(x)), 2.0 * abs(rest_N - measured_N)
+
+
+def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
+    """The surface of the pulley travels as far as the belt stretches until it slides."""
+    travels = {run.run: run.take_up_m for run in runs if np.isfinite(run.take_up_m)}
+    if not travels:
+        return
+    rig = config.rig
+    changes = [
+        max(run.tension_tight_N - run.rest_N[0], run.rest_N[1] - run.tension_slack_N)
+        * (rig.span_length_m + 0.5 * rig.pulley_radius_m * math.radians(run.arc_deg))
+        for run in runs
+        if run.ok
+    ]
+    stretch = float(np.median(changes or np.nan)) / config.belt.axial_stiffness_N
+    low = np.fmin(TRAVEL_M[0], stretch) / WITHIN
+    high = np.fmax(TRAVEL_M[1], stretch) * WITHIN
+    label, travel = _median(travels)
+    if not low <= travel <= high:
+        found = (
+            f"the surface of the pulley travels {1e3 * travel:.3g} mm by pulley_speed_rad_s until "
+            f"the belt slides, must be {1e3 * low:.2g} to {1e3 * high:.2g} mm with the stated "
+            "rig.span_length_m and belt.axial_stiffness_N"
+        )
+        factor = float(np.sqrt(low * high)) / travel
+        yield _contradiction(config, label, "pulley_speed_rad_s", found, factor)
+
+
+def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
+    """Return runs over time for the report: typical runs and runs set aside in detail, all thinned.
+
+    They are stored with the results, so that a report can be written without the recordings.
+    """
+    labels = friction.columns["run"]
+    aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE].tolist()
+    samples = {str(labels[k]): MOST_SAMPLES for k in (*typical_runs(friction.columns), *aside)}
+    for label in map(str, labels[:MOST_RUNS]):
+        samples.setdefault(label, SMALL_SAMPLES)
+    records = {record.result.run: record for record in records_of(rig, config)}
+    if missing := sorted(set(samples) - set(records)):
+        raise InputError(
+            f"{rig.path}: has no run {listed(missing)}; {friction.path} was made from another "
+            "recording"
+        )
+    parts = [_thinned(records[run], most) for run, most in samples.items()]
+    return Outcome(joined(parts), tuple(samples))
+
+
+def typical_runs(friction: Columns) -> tuple[int, ...]:
+    """Return the rows of the runs nearest to the median settings of every arc, in order of arcs."""
+    good = friction["status"] == "ok"
+    tension, speed = (
+        np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
+        for name in ("nominal_tension_N", "slip_speed_m_s")
+    )
+    arcs = np.where(good, snap_to_settings(friction["arc_deg"]), np.nan)
+    groups = [np.flatnonzero(arcs == arc) for arc in np.unique(arcs[np.isfinite(arcs)])]
+    if len(groups) > MOST_ARCS:
+        used = np.concatenate(groups)
+        groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
+    chosen = []
+    for rows in groups:
+        distance = np.zeros(rows.size)
+        for setting in (tension[rows], speed[rows]):
+            if np.isfinite(setting).any():
+                distance += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        chosen.append(int(rows[np.argmin(distance)]))
+    return tuple(chosen)
+
+
+def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
+    """Return a run with the tensions as measured or derived on this rig.
+
+    Of a long one, the samples with the extremes of neighbouring tensions are kept.
+    """
+    tight, slack = record.tension_tight_N, record.tension_slack_N
+    kept = np.arange(tight.size)
+    if tight.size > most:
+        groups = [rows[np.isfinite(tight[rows])] for rows in np.array_split(kept, most // 2)]
+        ends = [
+            (rows[np.argmin(tight[rows])], rows[np.argmax(tight[rows])])
+            for rows in groups
+            if rows.size
+        ]
+        kept = np.unique(np.array(ends, dtype=kept.dtype))
+    return {
+        "run": np.full(kept.size, record.result.run, dtype=object),
+        "time_s": record.time_s[kept],
+        "tension_tight_N": tight[kept],
+        "tension_slack_N": slack[kept],
+        "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.result.arc_deg)),
+        "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+    }

@@ -1,10 +1,11 @@
-"""What the science rooms take: laws, surfaces, reduced runs, uncertainties, as files or results."""
+"""What the stages take and give: laws, surfaces and runs from files or results; their columns."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,21 +16,26 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
+from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stage import Outcome
-from beltid.stages.columns import at
 from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
 from beltid.store.disk import read_bytes
 from beltid.tables import schemas
+from beltid.tables.values import is_missing, outside
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
+Columns = Mapping[str, np.ndarray]
 UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
 NEAR_DEGC: Final = 5.0
 """Distance of a temperature from that of a law up to which the law holds [K]."""
+ROUNDING: Final = 1e-9  # relative
+NEGLIGIBLE: Final = 1e-3
+"""Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -110,7 +116,7 @@ def load_stiffness(
 def surface_from(surface: Any) -> FrictionSurface:
     """Return a friction surface given as such, as a result, or as a constant coefficient."""
     if isinstance(surface, (Outcome, Artifact)) and surface.kind == "surface":
-        return _surface_of(surface)
+        return _averaged_surface(surface)
     if isinstance(surface, FrictionSurface):
         return surface
     if not is_number(surface):
@@ -123,8 +129,8 @@ def surface_from(surface: Any) -> FrictionSurface:
     return FrictionSurface.constant(float(surface))
 
 
-def _surface_of(item: Artifact | Outcome[Any]) -> FrictionSurface:
-    """Return the averaged friction surface of a surface table, with its covariance."""
+def _averaged_surface(item: Artifact | Outcome[Any]) -> FrictionSurface:
+    """Return the surface of the rows without an arc, with its covariance."""
     columns = item.columns
     with at(item):
         surface = surface_from_columns(columns)
@@ -147,22 +153,16 @@ def law_from(law: Any, temperature_degC: float | None = None) -> NormalLaw:
             f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result "
             "of fit_stiffness(FRAME)"
         )
-    row = pooled_row(law) if temperature_degC is None else _row_at(law, temperature_degC)
+    row = law_row(law, temperature_degC)
     names = ("k_linear_N_m2", "k_quadratic_N_m3")
     return NormalLaw(*(float(law.columns[name][row]) for name in names))
 
 
-def pooled_row(law: Artifact | Outcome[Any]) -> int:
-    """Return the row of the law over all temperatures."""
-    rows = np.flatnonzero(np.isnan(law.columns["temperature_degC"]))
-    if not rows.size:
-        raise InputError(f"{getattr(law, 'path', 'stiffness')}: no pooled law")
-    return int(rows[0])
-
-
-def _row_at(law: Artifact | Outcome[Any], temperature_degC: float) -> int:
-    """Return the row of the law at the nearest measured temperature."""
+def law_row(law: Artifact | Outcome[Any], temperature_degC: float | None = None) -> int:
+    """Return the row of the pooled law, or of the law at the nearest measured temperature."""
     temperatures = law.columns["temperature_degC"]
+    if temperature_degC is None:
+        return int(np.flatnonzero(np.isnan(temperatures))[0])
     distance = np.abs(temperatures - temperature_degC)
     if not np.any(distance <= NEAR_DEGC):
         known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
@@ -177,16 +177,14 @@ def press_law(law: Any, config: Config) -> PressLaw:
     """Return a contact law with the scatter of its fit, which only a fitted table contains."""
     covariance, depth, normal = np.zeros((2, 2)), 1.0e-4, law_from(law)
     if isinstance(law, (Artifact, Outcome)):
-        pooled = pooled_row(law)
+        pooled = law_row(law)
         stored = law.columns["covariance"][pooled].reshape(2, 2)
         covariance = np.where(np.isfinite(stored), stored, 0.0)
         depth = float(law.columns["max_penetration_m"][pooled])
     return PressLaw(normal, covariance, depth, config.press.si()["segment_length_m"])
 
 
-def friction_columns(
-    table: Any, needed: tuple[str, ...], argument: str = "friction"
-) -> Mapping[str, np.ndarray]:
+def friction_columns(table: Any, needed: tuple[str, ...], argument: str = "friction") -> Columns:
     """Return the columns of reduced runs: an artifact, a result, or a table in memory."""
     if isinstance(table, (Outcome, Artifact)):
         if table.kind != "friction":
@@ -197,6 +195,51 @@ def friction_columns(
     if missing:
         raise InputError(f"{argument}: column {missing} is missing")
     return columns
+
+
+def ok_rows(friction: Columns) -> np.ndarray:
+    """Return which runs of a friction table are usable, shape (n,); all if it has no status."""
+    status = friction.get("status")
+    return np.ones(len(friction["arc_deg"]), dtype=bool) if status is None else status == "ok"
+
+
+def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
+    """Fill in the nominal tension of runs that do not state one.
+
+    It is the tension at rest, or if unknown the mean of both tensions while sliding. On a rig with
+    a constant hub force the mean takes precedence.
+    """
+    setting = np.asarray(friction["nominal_tension_N"], dtype=float)
+    unknown = np.full(setting.size, np.nan)
+    rest, tight, slack = (
+        np.asarray(friction.get(name, unknown), dtype=float)
+        for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
+    )
+    candidates = (rest, 0.5 * (tight + slack))
+    for tension in candidates[::-1] if config.rig_params().given_force == "hub" else candidates:
+        setting = np.where(np.isfinite(setting), setting, tension)
+    return {**friction, "nominal_tension_N": setting}
+
+
+def nominal_settings(values: np.ndarray, gap: float) -> np.ndarray:
+    """Snap values to their repeated settings; return them unchanged if they repeat none."""
+    settings = np.empty(values.size)
+    labels = settings_of(values, gap)
+    for label in np.unique(labels):
+        settings[labels == label] = _setting(values[labels == label])
+    repeated = 2 * np.unique(settings).size <= values.size
+    near = np.all(np.abs(values - settings) <= gap * values)
+    return settings if repeated and near else values
+
+
+def _setting(values: np.ndarray) -> float:
+    """Return the setting behind scattered values: the median, rounded as the scatter allows."""
+    middle, scatter = float(np.median(values)), float(np.std(values))
+    if scatter <= ROUNDING * middle:  # stated, not measured
+        return middle
+    error = max(2.0 * scatter / math.sqrt(values.size), NEGLIGIBLE * middle)
+    rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next(value for value in rounded if abs(value - middle) <= error)
 
 
 def friction_in(folder: Path) -> Artifact | None:
@@ -231,6 +274,61 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     return StandardUncertainties(
         values, frozenset(UNIT.sub("", key) for key in section.model_fields_set)
     )
+
+
+@contextlib.contextmanager
+def at(item: Any) -> Iterator[None]:
+    """Put the file of an input before the lines of an InputError raised inside."""
+    try:
+        yield
+    except InputError as error:
+        if type(error) is not InputError:
+            raise
+        raise InputError(error.at(str(getattr(item, "path", "table")))) from None
+
+
+def columns_from(kind: str, rows: Sequence[Any], **more: Any) -> dict[str, np.ndarray]:
+    """Return the columns of a kind from attributes of these names, and from `more`.
+
+    A number that the schema does not allow becomes nan.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table(kind).columns:
+        name = column.name
+        if name not in more and not hasattr(rows[0], name):
+            continue
+        values = more[name] if name in more else [getattr(row, name) for row in rows]
+        if name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values):
+            continue
+        types: dict[str, Any] = {"string": object, "list": float}
+        array = np.array(values, dtype=types.get(column.dtype, column.dtype))
+        if column.dtype == "float64":
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
+        columns[name] = array
+    return columns
+
+
+def joined(parts: Sequence[Columns]) -> dict[str, np.ndarray]:
+    """Put tables with the same columns one below the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def set_aside_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a warning for each run or test that was set aside."""
+    return [f"{what} {row[what]} set aside: {row['why']}" for row in rows for what in list(row)[:1]]
+
+
+def span(values: Any) -> tuple[float, float] | None:
+    """Return the lowest and highest finite value, or None if there is none."""
+    values = np.asarray(values, dtype=float)
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else None
+
+
+def listed(words: Sequence[str], most: int = 8) -> str:
+    """Join the first `most` words, and state how many more there are."""
+    text = ", ".join(words[:most])
+    return f"{text} and {len(words) - most} more" if len(words) > most else text
 
 
 def shown(value: Any) -> str:

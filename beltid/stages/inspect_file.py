@@ -21,8 +21,7 @@ from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.identify.agreement import SAME_SETTING
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.columns import finite_or_none
-from beltid.stages.planned_runs import nominal_settings
+from beltid.stages.inputs import nominal_settings
 from beltid.store.artifact import plain
 from beltid.store.disk import anyone_s, check_place, write_text
 from beltid.tables import schemas
@@ -103,9 +102,12 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
 
 def _facts(inspection: Inspection) -> dict[str, Any]:
     first, runs = inspection.tables[0], inspection.runs
-    encoding = {"encoding": first.encoding} if first.encoding else {}
-    facts: dict[str, Any] = {"format": first.format, **encoding, "kind": inspection.kind or None}
-    facts["files"] = len(inspection.names)
+    facts: dict[str, Any] = {
+        "format": first.format,
+        **({"encoding": first.encoding} if first.encoding else {}),
+        "kind": inspection.kind or None,
+        "files": len(inspection.names),
+    }
     if not runs:
         return facts
     facts |= {"runs": len(runs), "samples": sum(run.n_samples for run in runs)}
@@ -117,8 +119,7 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
 
 def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
     """Return a row per channel of the first file; groups of equal channels appear once."""
-    found = inspection.found.values()
-    roles = {match.channel.base: match.role for match in found}
+    roles = {match.channel.base: match.role for match in inspection.found.values()}
     rows: dict[str, dict[str, Any]] = {}
     for channel in inspection.channels:
         if channel.name not in rows:
@@ -127,7 +128,7 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
                 "unit": channel.written or channel.unit or None,
                 "read_as": roles.get(channel.base),
                 "samples": len(channel.raw.frame),
-                **{name: finite_or_none(value) for name, value in ranges(channel).items()},
+                **plain(ranges(channel)),
             }
     empty = [n for n in ("rate_Hz", "read_as") if not any(r[n] for r in rows.values())]
     return [{n: v for n, v in row.items() if n not in empty} for row in rows.values()]
@@ -140,7 +141,7 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
             **run.settings,
             "duration_s": run.duration_s,
             "samples": run.n_samples,
-            "rate_Hz": finite_or_none(run.rate_Hz),
+            "rate_Hz": plain(run.rate_Hz),
             "gaps_at_s": list(run.gaps[:5]) or None,
         }
         for run in runs
@@ -214,13 +215,12 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
 
 def _runs(inspection: Inspection, options: ReadOptions) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
-    entries = list[str]()
-    if options.pattern:
-        entries.append(f"    pattern: {value_text(options.pattern)}")
-    if options.run_table is not None:
-        entries.append(f"    table: {value_text(options.run_table.absolute())}")
-    if options.values:
-        entries.append(f"    values: {value_text(dict(options.values))}")
+    stated = {
+        "pattern": options.pattern,
+        "table": options.run_table and options.run_table.absolute(),
+        "values": dict(options.values),
+    }
+    entries = [f"    {key}: {value_text(value)}" for key, value in stated.items() if value]
     if inspection.pattern:
         how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
         entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))
@@ -291,19 +291,12 @@ def _inspected(file: Path) -> Inspection:
 
 
 def _stated_by(inspection: Inspection) -> dict[str, Any]:
-    """Return what a recording of the rig states by config key: its kind and its settings."""
+    """Return what a recording of the rig states by config key: holds, arcs, tensions, speeds."""
     if inspection.kind != "rig":
         return {}
-    return {f"rig.{name}": word for name, word in inspection.rig.items()} | _settings(
-        inspection.runs
-    )
-
-
-def _settings(runs: Sequence[RunView]) -> dict[str, list[float]]:
-    """Return arcs, tensions and speeds of the runs of a rig, by config key."""
-    values = {}
+    values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
     for key, (columns, gap) in SETTINGS.items():
-        recorded = [run.settings[c] for run in runs for c in columns if c in run.settings]
+        recorded = [r.settings[c] for r in inspection.runs for c in columns if c in r.settings]
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:

@@ -67,10 +67,9 @@ class OnPage:
 
     def content(self) -> list[Any]:
         """Return everything that a page is made from, as plain values."""
-        paths = {name: self.folder / f"{name}.parquet" for name in ARTIFACTS}
         shown = {}
-        for name, path in paths.items():
-            if path.exists():
+        for name in ARTIFACTS:
+            if (path := self.folder / f"{name}.parquet").exists():
                 try:
                     shown[name] = sha256(read_bytes(path, ArtifactError))
                 except ArtifactError as error:
@@ -105,11 +104,7 @@ def sealed(text: str) -> str:
 
 def up_to_date(out: Path, mark: str, *, force: bool) -> bool:
     """Return whether the page at `out` is up to date; refuse to replace any other file."""
-
-    def whose(page: Path) -> str:
-        return OURS if mark_of(page) else FOREIGN
-
-    check_place(out, SUFFIXES, whose, force=force)
+    check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
     if force or not out.exists() or mark_of(out) != mark:
         return False
     text = read_bytes(out, ArtifactError)  # a page that was edited is written again

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,19 +16,19 @@ from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_targ
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
 from beltid.plan.knowledge import knowledge_at, sources_of_plan
 from beltid.stage import Outcome
-from beltid.stages.columns import ok_rows
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
+    Columns,
     friction_columns,
     friction_of,
+    ok_rows,
     press_law,
     shown,
     standard_uncertainties,
     surface_from,
 )
-from beltid.stages.planned_runs import KEYS, measured_settings, setting_lists
 from beltid.stages.refine import NEEDED
-from beltid.stages.rig import bench_of
+from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.sources import (
@@ -48,7 +48,6 @@ COLUMNS: Final = (
     *("start_minutes", "gain_percent", "slip_speed_m_s", "normal_force_N_m", "based_on"),
     "needed_for",
 )
-Columns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +64,19 @@ def planned(
     surface: Any, law: Any, config: Config, friction: Any, runs: int, goal_u: float
 ) -> Outcome[PlannedRuns]:
     """Plan from what is known: the surface, the law, the noise of reduced runs."""
-    _check(runs, goal_u)
+    problems = [] if runs >= 1 else [f"--runs = {runs}, must be >= 1"]
+    if not 0.0 <= goal_u < 1.0:
+        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
+    if problems:
+        raise InputError(problems)
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
-    if set_by is None and isinstance(surface, Artifact):
-        beside = friction_of(surface)
-        set_by = None if beside is None else beside.columns
+    if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
+        set_by = beside.columns
     settings, notes = _rig_settings(config, set_by)
     known = None if surface is None else _known_surface(surface)
     if law is None:
         notes.append("no data: contact law of the paper's 5PK belt")
-    press = press_law(USUAL_LAW if law is None else law, config)
-    stated = standard_uncertainties(config)
+    press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     sources = sources_of_plan(known, stated, settings.arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
@@ -103,9 +104,11 @@ def planned(
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    force, speed = candidates.measured.normal_force, candidates.measured.slip_speed
-    ranges = ((float(x.min()), float(x.max())) for x in (force, speed))
-    target = surface_target(candidates.curves, *ranges)
+    measured = candidates.measured
+    force, speed = (
+        (float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)
+    )
+    target = surface_target(candidates.curves, force, speed)
     plan = choose_plan(
         knowledge_at(candidates.curves, known, len(sources)),
         candidates.rows(sources, noise, columns),
@@ -117,21 +120,21 @@ def planned(
     )
     origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
-    rows = _session_rows(plan, settings, candidates, config, based_on)
-    if any(row["pulley_speed_rad_s"] < 0.0 for row in rows):
+    session = _session(plan, settings, candidates, config, based_on)
+    arcs, clock = session["arc_deg"], session["start_minutes"]
+    if (session["pulley_speed_rad_s"] < 0.0).any():
         notes.append(
             "a negative speed turns the pulley the other way: runs in both directions tell the "
             "gain of the load cells from friction"
         )
-    minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
     return Outcome(
-        {name: np.array([row[name] for row in rows]) for name in COLUMNS},
+        session,
         PlannedRuns(plan, target),
         facts={
-            "candidates": candidates.measured.mu.size,
-            "runs": len(rows),
-            "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
-            "session_minutes": minutes,
+            "candidates": measured.mu.size,
+            "runs": arcs.size,
+            "arc_changes": max(np.unique(arcs).size - 1, 0),
+            "session_minutes": clock[-1] + config.plan.minutes_per_run if clock.size else 0.0,
             "uncertainty_before_percent": 100.0 * plan.before,
             "uncertainty_after_percent": 100.0 * plan.after,
             "goal_percent": 100.0 * goal_u,
@@ -164,30 +167,12 @@ def planned(
     )
 
 
-def written(outcome: Outcome[PlannedRuns]) -> bytes:
-    """Return the table for the operator of the bench as CSV."""
-    rows = zip(*(values.tolist() for values in outcome.columns.values()), strict=True)
-    lines = [",".join(outcome.columns)]
-    for row in rows:
-        lines.append(",".join(f"{v:.6g}" if isinstance(v, float) else str(v) for v in row))
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _check(runs: int, goal_u: float) -> None:
-    problems = [] if runs >= 1 else [f"--runs = {runs}, must be >= 1"]
-    if not 0.0 <= goal_u < 1.0:
-        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
-    if problems:
-        raise InputError(problems)
-
-
 def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, list[str]]:
     """Return the possible settings of the rig, and a note on those that are assumed."""
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
-        measured = measured_settings(friction, config)
-    if measured is not None and not measured.size:
-        measured = None
+        found = measured_settings(friction, config)
+        measured = found if found.size else None
     stated = config.plan.arcs_deg, config.plan.tension_N, config.plan.speed_rad_s
     fallbacks = [_thinned(values) for values in setting_lists(config, measured)]
     assumed = [
@@ -240,10 +225,10 @@ def _noise(
     return noise_law(runs, scale), columns
 
 
-def _session_rows(
+def _session(
     plan: Plan, settings: Settings, candidates: Candidates, config: Config, based_on: str
-) -> list[dict[str, Any]]:
-    """Return a row per run in the order of the session."""
+) -> dict[str, np.ndarray]:
+    """Return the columns of the plan, with a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
     section, measured = config.plan, candidates.measured
     session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
@@ -251,23 +236,17 @@ def _session_rows(
     rows = []
     for order, scheduled in enumerate(session, start=1):
         run, like = scheduled.run, scheduled.run % measured.mu.size
+        arc, tension, speed = ways[run]
         rows.append(
-            {
-                "order": order,
-                "arc_deg": round(float(np.degrees(ways[run][0])), 9),
-                "initial_tension_N": ways[run][1],
-                "pulley_speed_rad_s": ways[run][2],
-                "repeat": scheduled.repeat,
-                "repeats": scheduled.repeats,
-                "start_minutes": scheduled.start_minutes,
-                "slip_speed_m_s": float(measured.slip_speed[like]),
-                "normal_force_N_m": float(measured.normal_force[like]),
-                "gain_percent": 100.0 * max(gains[run], 0.0),
-                "based_on": based_on,
-                "needed_for": plan.needed.get(run, ""),
-            }
+            (
+                *(order, round(float(np.degrees(arc)), 9), tension, speed),
+                *(scheduled.repeat, scheduled.repeats, scheduled.start_minutes),
+                100.0 * max(gains[run], 0.0),
+                *(measured.slip_speed[like], measured.normal_force[like]),
+                *(based_on, plan.needed.get(run, "")),
+            )
         )
-    return rows
+    return {name: np.array([row[k] for row in rows]) for k, name in enumerate(COLUMNS)}
 
 
 def _size(source: Source) -> str:

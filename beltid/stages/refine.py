@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -13,7 +13,6 @@ import numpy as np
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators import settings_of
-from beltid.identify.surface.surface import build_surface as publish
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
@@ -28,30 +27,23 @@ from beltid.refine.inverse import (
 from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
 from beltid.stage import Outcome
-from beltid.stages.columns import at, finite_or_none, in_percent
 from beltid.stages.friction import rig_kind
-from beltid.stages.inputs import friction_columns, press_law, standard_uncertainties
-from beltid.stages.planned_runs import refuse_running
-from beltid.stages.rig import guided_weight
-from beltid.stages.surface import friction_formulas, rows_of_one, said_of_surface
+from beltid.stages.inputs import Columns, at, friction_columns, press_law, standard_uncertainties
+from beltid.stages.rig import guided_weight, refuse_running
+from beltid.stages.surface import MEASURED, published_from, rows_of_one, said_of_surface
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import PressLaw, measured_runs, own_errors
+from beltid.uncertainty.measured import PressLaw, measured_runs
 from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
     ORDER,
     TEMPERATURE,
-    Source,
     all_sources,
     reduction_sources,
 )
 
-NEEDED: Final = (
-    *("run", "arc_deg", "initial_tension_N", "pulley_speed_rad_s", "slip_speed_m_s"),
-    *("normal_force_N_m", "mu_sliding", "mu_sliding_se"),
-)
-PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+NEEDED: Final = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
 REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
 SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
 SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
@@ -104,10 +96,10 @@ class Refinement:
             rows.append(row)
         return rows
 
-    def arc_spread(self, misfit: np.ndarray) -> float | None:
-        """Return the standard deviation of the arcs' mean misfits [-]; None for a single arc."""
-        means = [float(np.mean(misfit[self.arcs_deg == arc])) for arc in np.unique(self.arcs_deg)]
-        return float(np.std(means, ddof=1)) if len(means) > 1 else None
+    def arc_spread(self, misfit: np.ndarray) -> float:
+        """Return the standard deviation of the arcs' mean misfits [-]; nan for a single arc."""
+        means = [np.mean(misfit[self.arcs_deg == arc]) for arc in np.unique(self.arcs_deg)]
+        return float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
 
 
 def with_covariance(found: RefinedSurface) -> FrictionSurface:
@@ -128,44 +120,44 @@ def refined(
     with at(friction):
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
-    found = (workers or Workers()).call(
-        refine_surface, campaign, speeds, shared_sources(campaign, config), reference
-    )
+    n_arcs = int(measured.arc.max()) + 1
+    stated = all_sources(standard_uncertainties(config), n_arcs, press.has_scatter)
+    shared = (*stated, *reduction_sources(measured.columns))
+    found = (workers or Workers()).call(refine_surface, campaign, speeds, shared, reference)
     runs, arcs = tuple(str(columns["run"][i]) for i in used), columns["arc_deg"][used]
     result = Refinement(found, runs, arcs, shown_effects(found))
-    formulas, notes = friction_formulas(found.surface, found.uncertainty.factor)
     ranges = measured.normal_force, measured.slip_speed
-    facts, budget = said_of_surface(found.surface, columns, used, ranges, found.uncertainty)
+    facts, tables, notes = said_of_surface(found.surface, columns, used, ranges, found.uncertainty)
+    spread = [100.0 * result.arc_spread(x) for x in (found.misfit_before, found.misfit_after)]
     return Outcome(
         _table(result, columns["slip_speed_m_s"][used]),
         result,
         facts={
-            "runs": len(result.runs),
+            "runs": len(runs),
             "iterations": found.iterations,
             "noise_over_stated_errors": found.noise_scale,
             "effective_parameters": found.effective_parameters,
-            "arc_to_arc_spread_before_percent": in_percent(result.arc_spread(found.misfit_before)),
-            "arc_to_arc_spread_after_percent": in_percent(result.arc_spread(found.misfit_after)),
+            "arc_to_arc_spread_before_percent": spread[0],
+            "arc_to_arc_spread_after_percent": spread[1],
             "method": "refined",
             "reference_temperature_degC": reference,
             **facts,
         },
         tables={
             "misfit": result.misfit_table(),
-            "budget": budget,
             "effects": [
                 {
                     "effect": EFFECTS[effect.key][0],
                     "size_percent": 100.0 * effect.size,
-                    "standard_uncertainty_percent": finite_or_none(100.0 * effect.uncertainty),
+                    "standard_uncertainty_percent": 100.0 * effect.uncertainty,
                     "clear": effect.is_clear,
-                    "explained_percent": finite_or_none(100.0 * effect.explained),
+                    "explained_percent": 100.0 * effect.explained,
                 }
                 for effect in result.effects
             ],
-            "friction_formulas": formulas,
+            **tables,
         },
-        validity=dict(found.surface.validity),
+        validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
             "the surface covers all forces within the contacts of the runs, peaks included; beyond "
@@ -180,7 +172,7 @@ def refined(
 
 
 def prepared_campaign(
-    columns: Mapping[str, np.ndarray],
+    columns: Columns,
     press: PressLaw,
     config: Config,
     chosen: Mapping[str, str | None],
@@ -193,16 +185,14 @@ def prepared_campaign(
         reasons = Counter(row["why"] for row in set_aside)
         why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
         raise InputError(f"{counted(good.size, 'run')} can be used, at least 4 are needed{why}")
-    arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
-    errors = own_errors(columns)
-    start = publish(arc_deg, f, v, mu, None if errors is None else errors[good]).surface
+    start = published_from(columns, good).surface
     measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    speeds = _speeds(start.slip_speed_m_s, np.abs(v))
+    speeds = _speeds(start.slip_speed_m_s, np.abs(columns["slip_speed_m_s"][good]))
     return Campaign(measured, bench, press), speeds, good, set_aside
 
 
-def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
+def rig_of_runs(columns: Columns, config: Config) -> Rig:
     """Return the rig that the runs are simulated on.
 
     While the whole arc slides, one tension determines the other, whatever the history. If no
@@ -222,11 +212,9 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
     return rig
 
 
-def usable_runs(
-    columns: Mapping[str, np.ndarray], rig: Rig
-) -> tuple[np.ndarray, list[dict[str, Any]]]:
+def usable_runs(columns: Columns, rig: Rig) -> tuple[np.ndarray, list[dict[str, Any]]]:
     """Return the usable rows, and the others with the reason."""
-    needed = (*PUBLISHED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
+    needed = (*MEASURED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
     status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
     why = np.where(status == "ok", "", status).astype(object)
     for key in needed:
@@ -260,13 +248,6 @@ def reference_temperature(config: Config, campaign: Campaign) -> float | None:
         )
     stated = config.friction.reference_temperature_degC
     return float(np.nanmean(temperature)) if stated is None else stated
-
-
-def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
-    """Return the stated errors that the runs share."""
-    n_arcs = int(campaign.measured.arc.max()) + 1
-    stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
-    return (*stated, *reduction_sources(campaign.measured.columns))
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
@@ -322,7 +303,7 @@ def _disagreement(result: Refinement) -> Iterator[str]:
         yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
 
 
-def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
+def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     """Yield notes on effects that the runs cannot tell from the surface, or from others."""
     hidden = [
         f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
@@ -335,8 +316,7 @@ def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
             f"above {100 * CONFOUNDED:g} % its influence on the friction cannot be told from "
             "theirs. Measure in random order, and repeat some runs at the end"
         )
-    large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
-    if large:
+    if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
         yield (
             f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
             "nearly as well: it is not claimed; make the runs in random order"

@@ -20,10 +20,9 @@ from beltid.report.page import Page, belt_page, belts_page
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
-from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.stage import as_measured
-from beltid.stages.curves import typical_runs
+from beltid.stage import RECORDINGS, as_measured
+from beltid.stages.friction import typical_runs
 from beltid.stages.page_mark import (
     ARTIFACTS,
     CURVES,
@@ -80,9 +79,8 @@ def of_belts(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summ
     """Write the page that compares belts, with links to their pages, unless it is up to date."""
     links = links_to(belts, out)
     mark, results = made_from(*belts, words=links), [gather(belt) for belt in belts]
-    if up_to_date(out, mark, force=force):
-        return _finish(results, out)
-    return _finish(results, out, belts_page(results, links, mark))
+    kept = up_to_date(out, mark, force=force)
+    return _finish(results, out, None if kept else belts_page(results, links, mark))
 
 
 def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None) -> Summary:
@@ -141,19 +139,18 @@ def gather(belt: OnPage) -> BeltResults:
     problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
     refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
     for name in [name for name in CURVES if name in shown]:
-        curves = shown.pop(name)
-        lines = misfits([*shown.values(), curves])
-        problems += lines
-        if not lines:
-            shown[name] = curves
+        of_chain = [artifact for other, artifact in shown.items() if other not in CURVES]
+        if lines := misfits([*of_chain, shown[name]]):
+            problems += lines
+            del shown[name]
     if not shown:
         nothing = f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
         raise ArtifactError(problems or nothing)
-    settings = (sheets[name].record.settings.get("belt") for name in shown)
+    settings = (artifact.record.settings.get("belt") for artifact in shown.values())
     stated = next(filter(None, settings), None)
     return BeltResults(
         belt=belt.folder.resolve().name,
-        sheets={name: sheets[name] for name in ARTIFACTS if name in shown},
+        sheets={name: sheets[name] for name in shown},
         problems=tuple(problems),
         failures=belt.failures,
         belt_facts=() if stated is None else (stated["type"], f"{stated['ribs']} ribs"),
@@ -163,9 +160,9 @@ def gather(belt: OnPage) -> BeltResults:
 def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
     """Return why an artifact is not shown; empty if it is."""
     named = belt.recordings
-    kinds = [kind for kind in artifact.record.ancestors if kind in ("press", "rig", "speedloss")]
-    if unnamed := [kind for kind in kinds if named and kind not in named]:
-        return f"the config names no {unnamed[0]} recording"
+    for kind in artifact.record.ancestors:
+        if kind in RECORDINGS and named and kind not in named:
+            return f"the config names no {kind} recording"
     return "left from an earlier run" if belt.is_left(name) else ""
 
 
@@ -176,31 +173,22 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    if "rig" not in simulated.record.settings:  # made in Python: the bench is not known
+    settings, found = simulated.record.settings, list[ArcProfile]()
+    if "rig" not in settings:  # made in Python: the bench is not known
         return (), []
-    found, problems = [], list[str]()
     try:
-        bench = _bench(simulated.record.settings, stiffness, surface, friction)
+        # the bench of the simulated recording
+        sections = ("belt", "rig", "contact")
+        config = load_config({name: settings[name] for name in sections if name in settings})
+        law = stiffness.law(stiffness.pooled_row)
+        bench = bench_of(as_measured(config, friction), surface.surface, law)
+        names = ("arc_deg", "initial_tension_N", "slip_speed_m_s")
         for row in typical_runs(friction.columns):
-            found.append(_profile(bench, friction, row))
+            arc, tension, speed = (float(friction[name][row]) for name in names)
+            point = OperatingPoint(math.radians(arc), tension, speed / bench.rig.R)
+            run = simulate(bench, point, SimulationSettings(method="steady"))
+            profile = {name: np.asarray(x, dtype=float) for name, x in run.profile.items()}
+            found.append(ArcProfile(arc, tension, speed, profile, run.normal_force_N_m))
     except BeltidError as error:
-        problems = [f"the contact along the arc: {line}" for line in error.problems]
-    return tuple(found), problems
-
-
-def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet, friction: Sheet) -> Bench:
-    """Rebuild the simulated rig of a recording from the settings stored in it."""
-    sections = ("belt", "rig", "contact")
-    config = load_config({name: settings[name] for name in sections if name in settings})
-    config = as_measured(config, friction)
-    return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))
-
-
-def _profile(bench: Bench, friction: Sheet, row: int) -> ArcProfile:
-    arc, tension, speed = (
-        float(friction[name][row]) for name in ("arc_deg", "initial_tension_N", "slip_speed_m_s")
-    )
-    point = OperatingPoint(beta=math.radians(arc), T_0=tension, omega=speed / bench.rig.R)
-    run = simulate(bench, point, SimulationSettings(method="steady"))
-    profile = {name: np.asarray(values, dtype=float) for name, values in run.profile.items()}
-    return ArcProfile(arc, tension, speed, profile, run.normal_force_N_m)
+        return tuple(found), [f"the contact along the arc: {line}" for line in error.problems]
+    return tuple(found), []

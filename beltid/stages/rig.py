@@ -1,10 +1,17 @@
-"""The runs of the friction rig, simulated (Eqs. 9 to 12): a campaign, or one run from Python."""
+"""The runs of the friction rig, simulated (Eqs. 9 to 12): a campaign, or one run from Python.
+
+The measured runs are simulated, each combination of settings once; if every run has its own tension
+and speed, that is every run. Settings stated in the config take precedence: measured runs at other
+settings are left out, and a stated setting that was not measured is combined with all the others.
+Without measured runs all combinations of the config are simulated.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -12,6 +19,7 @@ import numpy as np
 
 from beltid.config import Config, load_config
 from beltid.errors import BeltidError, InputError, NumericsError, counted, percent
+from beltid.identify.agreement import SAME_SETTING
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log, progress
@@ -21,22 +29,21 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
 from beltid.rig.runs import campaign as rig_campaign
 from beltid.stage import Outcome, as_measured
-from beltid.stages.columns import span
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
+    Columns,
     friction_columns,
     is_number,
+    joined,
     law_from,
+    listed,
+    nominal_settings,
+    ok_rows,
     press_law,
+    span,
     standard_uncertainties,
     surface_from,
-)
-from beltid.stages.planned_runs import (
-    KEYS,
-    PlannedRun,
-    measured_settings,
-    planned_runs,
-    refuse_running,
+    with_tensions,
 )
 from beltid.stages.workers import Workers, threads
 from beltid.tables import schemas
@@ -47,6 +54,14 @@ from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 if TYPE_CHECKING:
     import pandas as pd
 
+KEYS: Final = {
+    "arc_deg": "arcs_deg",
+    "nominal_tension_N": "initial_tensions_N",
+    "pulley_speed_rad_s": "pulley_speeds_rad_s",
+}
+"""Column of a setting in the friction table -> its list in the section `rig`."""
+OPTIONS: Final = ("--arc", "--tension", "--speed")
+SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
 PER_CALL: Final = 24
@@ -54,6 +69,25 @@ PER_CALL: Final = 24
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
+NOT_SIMULATED: Final = (
+    "a running belt has no simulated rig: only fit-friction and build-surface take it"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run of the simulated rig; its label is its place in the whole campaign."""
+
+    label: str
+    arc_deg: float
+    initial_tension_N: float
+    pulley_speed_rad_s: float
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The settings in SI units."""
+        arc = math.radians(self.arc_deg)
+        return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +112,15 @@ class Campaign:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row per run: settings, sliding state, status."""
-        rows = []
-        for run, result in zip(self.runs, self.results, strict=True):
-            settings = asdict(run)
-            row: dict[str, Any] = {"run": settings.pop("label"), **settings}
-            if isinstance(result, BeltidError):
-                row |= {**dict.fromkeys(STATE), "status": "; ".join(result.problems)}
-            else:
-                row |= {name: float(getattr(result, name)) for name in STATE} | {"status": "ok"}
-            rows.append(row)
-        return rows
+        return [
+            {
+                "run": run.label,
+                **{name: getattr(run, name) for name in SETTINGS},
+                **{name: getattr(result, name, None) for name in STATE},
+                "status": "; ".join(getattr(result, "problems", ("ok",))),
+            }
+            for run, result in zip(self.runs, self.results, strict=True)
+        ]
 
 
 def simulated(
@@ -114,18 +147,16 @@ def simulated(
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(campaign, config, press, stored, settings.elements, workers)
     runs, results = zip(*campaign.finished, strict=True)
-    records = [result.record for result in results]
-    outside, points = sum(r.clamped_lookups for r in records), sum(r.lookups for r in records)
+    outside = sum(result.record.clamped_lookups for result in results)
+    lookups = sum(result.record.lookups for result in results)
     notes = [*guided_weight(config, [run.point for run in runs]), *notes]
     if outside:
         notes.insert(
             0,
-            f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
+            f"{percent(100 * outside / lookups)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was used",
         )
-    columns = recording_columns(campaign.finished, config)
-    names = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
-    rows = campaign.rows()
+    columns, rows = recording_columns(campaign.finished, config), campaign.rows()
     return Outcome(
         columns,
         campaign,
@@ -136,17 +167,107 @@ def simulated(
             "samples": len(columns["time_s"]),
             "mu_range": span([result.mu for result in results]),
             "clamped_lookups": outside,
-            "lookups": points,
+            "lookups": lookups,
             **({"uncertainty": uncertainty.extra()} if uncertainty else {}),
         },
         tables={"simulated_runs": rows},
-        validity={name: span([getattr(run, name) for run in runs]) for name in names},
+        validity={name: span([getattr(run, name) for run in runs]) for name in SETTINGS},
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
         notes=tuple(notes),
         warnings=tuple(failures),
         verdict=f"{len(failed)} of {len(rows)} runs failed" if failed else "",
         passed=False if failed else None,
     )
+
+
+def planned_runs(
+    config: Config, measured: np.ndarray | None = None, picked: Sequence[Sequence[float]] = ()
+) -> tuple[PlannedRun, ...]:
+    """Return the runs to simulate, in the order of the setting lists.
+
+    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that the user wants; an empty list
+    means all.
+    """
+    lists = setting_lists(config, measured)
+    settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
+    if not settings:
+        keys = ", ".join(f"rig.{key}" for key in KEYS.values())
+        raise InputError(
+            f"no usable run has an arc, a tension at rest and a speed; state the settings to "
+            f"simulate: {keys}"
+        )
+    problems, wanted = list[str](), []
+    for option, values, of, gap in zip(
+        OPTIONS, picked or ((), (), ()), lists, SAME_SETTING.values(), strict=True
+    ):
+        near = [_same_setting(np.array(of), value, gap) for value in values]
+        problems += [
+            f"{option} = {value:g}, must be one of those of the campaign: "
+            + listed([f"{setting:.4g}" for setting in of])
+            for value, found in zip(values, near, strict=True)
+            if not found
+        ]
+        wanted.append({x for found in near for x in found} if near else set(of))
+    if problems:
+        raise InputError(problems)
+    return tuple(
+        PlannedRun(f"S{k:03d}", *run)
+        for k, run in enumerate(settings, start=1)
+        if all(value in allowed for value, allowed in zip(run, wanted, strict=True))
+    )
+
+
+def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
+    """Return the measured runs in the lists, and every combination with a setting of no run."""
+    unmeasured = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
+    kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
+    runs = set(map(tuple, measured[kept].tolist()))
+    if any(unmeasured):
+        runs |= {
+            run
+            for run in product(*lists)
+            if any(value in new for value, new in zip(run, unmeasured, strict=True))
+        }
+    return sorted(runs, key=lambda run: [of.index(x) for of, x in zip(lists, run, strict=True)])
+
+
+def measured_settings(friction: Columns, config: Config) -> np.ndarray:
+    """Return the settings of the usable runs of a bench, each combination once.
+
+    The scatter of motors and weights is removed from repeated settings by their medians. If most
+    values of a campaign are distinct, each run keeps its measured value.
+    """
+    settings = with_tensions(friction, config)
+    rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
+    rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]
+    snapped = [nominal_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
+    return np.unique(np.column_stack(snapped), axis=0)
+
+
+def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
+    """Return arcs, tensions and speeds: those stated, else those measured, else the defaults."""
+    lists = []
+    for k, (name, key) in enumerate(KEYS.items()):
+        values = list(getattr(config.rig, key))
+        if measured is not None:
+            occurring, stated = np.unique(measured[:, k]), key in config.rig.model_fields_set
+            near = [
+                _same_setting(occurring, value, SAME_SETTING[name]) or [value] for value in values
+            ]
+            values = [x for found in near for x in found] if stated else occurring.tolist()
+        lists.append(list(dict.fromkeys(values)))
+    return lists
+
+
+def _same_setting(values: np.ndarray, other: float, gap: float) -> list[float]:
+    """Return the values that are the same setting as another one."""
+    return values[np.abs(values - other) <= gap * values].tolist()
+
+
+def refuse_running(config: Config) -> None:
+    """Raise an error for a running belt, which no simulated rig has."""
+    if config.rig.running:
+        raise InputError(NOT_SIMULATED)
 
 
 def simulation_settings(
@@ -216,17 +337,15 @@ def recording_columns(
     for run, result in runs:
         recorded = result.recording or _two_levels(run, result, config)
         n = len(recorded["time_s"])
-        parts.append(
-            {
-                **recorded,
-                "run": np.full(n, run.label, dtype=object),
-                "temperature_degC": np.full(n, np.nan),
-                "arc_deg": np.full(n, run.arc_deg),
-                "initial_tension_N": np.full(n, run.initial_tension_N),
-            }
-        )
-    names = schemas.table("simulated").names
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+        constant = {
+            "run": np.full(n, run.label, dtype=object),
+            "temperature_degC": np.full(n, np.nan),
+            "arc_deg": np.full(n, run.arc_deg),
+            "initial_tension_N": np.full(n, run.initial_tension_N),
+        }
+        of_run = {**recorded, **constant}
+        parts.append({name: of_run[name] for name in schemas.table("simulated").names})
+    return joined(parts)
 
 
 def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
@@ -366,8 +485,7 @@ def simulate_rig(
     (result,) = simulate(bench_of(model, surface, law), [run], settings, Workers()).results
     if isinstance(result, BeltidError):
         raise result
-    state = {name: float(getattr(result, name)) for name in STATE}
-    return SimulatedRun(run, result, model, **state)
+    return SimulatedRun(run, result, model, *(float(getattr(result, name)) for name in STATE))
 
 
 def _checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:

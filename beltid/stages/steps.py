@@ -42,10 +42,8 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of press.csv.
-    config : Config, dict, path or None
-        Segment length, machine compliance, choice of cycles.
+    frame, config
+        The columns of press.csv; segment length, machine compliance, choice of cycles.
 
     Returns
     -------
@@ -54,18 +52,16 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Raises
     ------
-    InputError
-        If the recording cannot be used.
-    FitError
-        If no law with coefficients >= 0 fits.
+    InputError, FitError
+        If the recording cannot be used; if no law with coefficients >= 0 fits.
 
     Examples
     --------
     beltid fit-stiffness press.csv
     """
-    from beltid.stages.stiffness import fitted
+    from beltid.stages.fits import contact_law
 
-    return fitted(frame, config)
+    return contact_law(frame, config)
 
 
 @stage("fit-slip", makes="slip", reads={"frame": "speedloss"}, uses=("rig", "drive"))
@@ -78,10 +74,8 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of speedloss.csv.
-    config : Config, dict, path or None
-        Radius and speeds of the friction rig.
+    frame, config
+        The columns of speedloss.csv; radius and speeds of the friction rig.
 
     Returns
     -------
@@ -93,9 +87,9 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-slip speedloss.csv
     """
-    from beltid.stages.slip import fitted
+    from beltid.stages.fits import sliding_speeds
 
-    return fitted(frame, config)
+    return sliding_speeds(frame, config)
 
 
 @stage(
@@ -124,10 +118,8 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : recording
-        The columns of rig.csv, with the channels of the kind of the rig.
-    config : Config, dict, path or None
-        Kind of the rig, radius of the pulley, conditions.
+    frame, config
+        The columns of rig.csv with the channels of this rig; radius of the pulley, conditions.
 
     Returns
     -------
@@ -170,11 +162,9 @@ def build_surface(
 
     Parameters
     ----------
-    friction : table of runs
+    friction, config
         Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if
-        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
-    config : Config, dict, path or None
-        Settings of the rig.
+        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out); the rig.
     condition : {"dry", "wet", "dusty"}, optional
         Use only runs on this surface.
     side : {"rib", "back"}, optional
@@ -348,12 +338,10 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
 
     Parameters
     ----------
-    friction : table of runs
-        The reduced runs of the bench.
-    simulated : recording or table of runs
-        A simulated recording with the columns of rig.csv from perfect load cells; or reduced runs
-        like `friction` (for a second bench, reduce its recording with `fit_friction`); or the table
-        of `simulate_campaign`.
+    friction, simulated
+        The reduced runs of the bench; a simulated recording with the columns of rig.csv from
+        perfect load cells, or reduced runs (for a second bench, of its recording by
+        `fit_friction`), or the table of `simulate_campaign`.
     config : Config, dict, path or None
         Tolerances, and for a recording the settings of its reduction.
 
@@ -414,16 +402,14 @@ def cross_validate(
 
     Raises
     ------
-    TooFewSettings
-        If too few settings or runs would be left.
-    ConvergenceError
-        If a surface does not converge, or a run cannot be simulated.
+    TooFewSettings, ConvergenceError
+        If too few settings or runs would be left; if a surface or a run does not converge.
 
     Examples
     --------
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
-    from beltid.stages.cross_validate import predicted_runs
+    from beltid.stages.compare import predicted_runs
     from beltid.stages.workers import threads
 
     by = by or config.cross_validate.by
@@ -462,10 +448,8 @@ def predict_drive(
 
     Raises
     ------
-    InputError
-        If the stated drive is impossible.
-    NumericsError
-        If no operating point has a steady state.
+    InputError, NumericsError
+        If the stated drive is impossible; if no operating point has a steady state.
 
     Examples
     --------
@@ -496,10 +480,8 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
 
     Parameters
     ----------
-    slip, drive : Outcome of fit_slip, of predict_drive
-        The measured losses, and the prediction of the same recording.
-    config : Config, dict, path or None
-        Tolerance.
+    slip, drive, config
+        The measured losses, the prediction of the same recording (an `Outcome`); tolerance.
 
     Returns
     -------
@@ -510,15 +492,15 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
     --------
     beltid compare-drive slip.parquet drive.parquet
     """
-    from beltid.stages.compare_drive import compared
+    from beltid.stages.compare import compared_losses
 
-    return compared(slip, drive, config)
+    return compared_losses(slip, drive, config)
 
 
 def _plan_bytes(outcome: Outcome[Any]) -> bytes:
-    from beltid.stages.plan import written
-
-    return written(outcome)
+    """Return the table for the operator of the bench as CSV."""
+    frame = outcome.to_frame()
+    return frame.to_csv(index=False, float_format="%.6g", lineterminator="\n").encode()
 
 
 @stage(
@@ -590,7 +572,7 @@ def plan_runs(
 )
 def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the branches of the press cycles that the report shows."""
-    from beltid.stages.curves import press_branches
+    from beltid.stages.fits import press_branches
 
     return press_branches(frame, config)
 
@@ -604,7 +586,7 @@ def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 )
 def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the runs over time that the report shows, thinned."""
-    from beltid.stages.curves import rig_runs
+    from beltid.stages.friction import rig_runs
 
     return rig_runs(frame, friction, config)
 

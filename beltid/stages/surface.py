@@ -14,25 +14,30 @@ from beltid.identify.surface.laws import fit_friction_laws
 from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stage import Outcome
-from beltid.stages.columns import at, in_percent, ok_rows, span
 from beltid.stages.friction import rig_kind
-from beltid.stages.inputs import friction_columns, standard_uncertainties
+from beltid.stages.inputs import (
+    Columns,
+    at,
+    friction_columns,
+    ok_rows,
+    span,
+    standard_uncertainties,
+)
+from beltid.tables.schemas import CONDITIONS
 from beltid.uncertainty.measured import measured_runs, own_errors, published_uncertainty, valid_rows
 from beltid.uncertainty.sources import StandardUncertainties, SurfaceUncertainty
 
 NO_ARC_DEG: Final = 90.0
 """Arc of coefficients that a table states without one: they form a single group and do not depend
 on the calibration of a rig."""
-NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-APART: Final = ("condition", "side")
-"""Columns that must have the same value in all runs of a friction surface."""
+MEASURED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
 
 def published(
     friction: Any, config: Config, chosen: Mapping[str, str | None]
 ) -> Outcome[SurfaceResult]:
     """Build the surface of every arc and their average from the usable runs of one condition."""
-    columns = friction_columns(friction, NEEDED)
+    columns = friction_columns(friction, MEASURED)
     with at(friction):
         good = np.flatnonzero(ok_rows(columns))
         if good.size == 0:
@@ -42,42 +47,43 @@ def published(
         direct = not np.isfinite(columns["arc_deg"][good]).any()
         if direct:
             columns = {**columns, "arc_deg": np.full(len(columns["arc_deg"]), NO_ARC_DEG)}
-        se = own_errors(columns)
-        arcs, force, speed, mu = (columns[name][good] for name in NEEDED)
-        result = build_surface(arcs, force, speed, mu, None if se is None else se[good])
-    surface, rig = result.surface, config.rig_params()
-    used = valid_rows(columns, good)
+        result = published_from(columns, good)
+    rig, used = config.rig_params(), valid_rows(columns, good)
     measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
     stated = StandardUncertainties() if direct else standard_uncertainties(config)
     uncertainty = published_uncertainty(measured, result.average, stated)
-    formulas, notes = friction_formulas(surface, uncertainty.factor)
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
-    facts, budget = said_of_surface(surface, columns, good, ranges, uncertainty)
+    facts, tables, notes = said_of_surface(result.surface, columns, good, ranges, uncertainty)
     table = result.to_columns()
-    arc_deg = table["arc_deg"]
+    arc_deg, spread = table["arc_deg"], result.rms_arc_spread
     return Outcome(
-        {**table, **uncertainty.columns(len(table["mu"]))},
+        {**table, **uncertainty.columns(arc_deg.size)},
         result,
         facts={
             "points": result.n_points,
             "arcs_deg": np.unique(arc_deg[np.isfinite(arc_deg)]).tolist(),
-            "arc_to_arc_spread_rms_percent": in_percent(result.rms_arc_spread),
+            "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
             "method": "published",
             **facts,
         },
-        tables={"budget": budget, "friction_formulas": formulas},
-        validity=surface.validity,
+        tables=tables,
+        validity=result.surface.validity,
         set_aside=[{"point": line} for line in result.set_aside],
         notes=(*result.notes, *notes),
         warnings=tuple(f"set aside: {line}" for line in result.set_aside),
     )
 
 
-def rows_of_one(
-    columns: Mapping[str, np.ndarray], rows: np.ndarray, chosen: Mapping[str, str | None]
-) -> np.ndarray:
+def published_from(columns: Columns, rows: np.ndarray) -> SurfaceResult:
+    """Build the surface of some runs."""
+    se = own_errors(columns)
+    arcs, force, speed, mu = (columns[name][rows] for name in MEASURED)
+    return build_surface(arcs, force, speed, mu, None if se is None else se[rows])
+
+
+def rows_of_one(columns: Columns, rows: np.ndarray, chosen: Mapping[str, str | None]) -> np.ndarray:
     """Select the rows that were measured on the chosen surface and side of the belt."""
-    for column in APART:
+    for column in CONDITIONS:
         labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
         counts = Counter("not stated" if label is None else str(label) for label in labels)
         there = ", ".join(f"{label} ({counted(n, 'run')})" for label, n in sorted(counts.items()))
@@ -96,13 +102,16 @@ def rows_of_one(
 
 def said_of_surface(
     surface: FrictionSurface,
-    columns: Mapping[str, np.ndarray],
+    columns: Columns,
     rows: np.ndarray,
     ranges: tuple[np.ndarray, np.ndarray],
     uncertainty: SurfaceUncertainty,
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the facts that a published and a refined surface share, and the budget."""
-    stated = {name: columns[name][rows[0]] for name in APART if name in columns}
+) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
+    """Return the facts, tables and notes that a published and a refined surface share.
+
+    `ranges` are the forces and speeds of the runs.
+    """
+    stated = {name: columns[name][rows[0]] for name in CONDITIONS if name in columns}
     stated = {name: str(word) for name, word in stated.items() if word is not None}
     force, speed = (span(values) for values in ranges)
     assert force is not None
@@ -118,10 +127,11 @@ def said_of_surface(
         "uncertainty": extra["uncertainty"],
         **({"conditions": stated} if stated else {}),
     }
-    return facts, extra["budget"]
+    formulas, notes = _friction_formulas(surface, uncertainty.factor)
+    return facts, {"budget": extra["budget"], "friction_formulas": formulas}, notes
 
 
-def friction_formulas(
+def _friction_formulas(
     surface: FrictionSurface, factor: np.ndarray
 ) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
     """Fit the parametric friction laws to the nodes of a surface; a failure becomes a note.
@@ -137,9 +147,9 @@ def friction_formulas(
     rows = [
         {
             "law": fit.law,
-            "parameters": ", ".join(_parameter(p) for p in fit.parameters),
-            "rms_misfit_percent": in_percent(fit.rms_misfit),
-            "worst_misfit_percent": in_percent(fit.worst_misfit),
+            "parameters": ", ".join(map(_parameter, fit.parameters)),
+            "rms_misfit_percent": 100.0 * fit.rms_misfit,
+            "worst_misfit_percent": 100.0 * fit.worst_misfit,
             "criterion": fit.criterion,
             "formula": fit.formula.text,
         }

@@ -18,7 +18,7 @@ from beltid.drive.results import DriveResult, Simulator
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.flow import FlowPulley, flow
-from beltid.stages.drive_of_config import drive_of, points_of_slip
+from beltid.stages.drive import drive_of, points_of_slip
 
 ROOT = Path(__file__).resolve().parents[2]
 HALF = FrictionSurface.constant(0.5)
@@ -137,7 +137,7 @@ def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) ->
     true = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"}
     points = points_of_slip(model, true | {"run": np.array([row["run"] for row in rows])})
     drive = drive_of(model, true_surface(belt), LAWS[belt])
-    results = simulate(drive, [labelled.point for labelled in points], method="rod")
+    results = simulate(drive, list(points.values()), method="rod")
     loss = np.array([result.loss.total[1] for result in results])
     judged = true["torque_N_m"] > 0.2 * true["torque_N_m"].max()
     error = loss[judged] / true["speed_loss_rad_s"][judged] - 1.0

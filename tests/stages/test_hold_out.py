@@ -13,9 +13,8 @@ from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.cross_validate import Predicted, predict
-from beltid.stages.inputs import press_law
-from beltid.stages.planned_runs import with_tensions
+from beltid.stages.compare import Predicted, predict
+from beltid.stages.inputs import press_law, with_tensions
 from beltid.stages.steps import cross_validate
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"

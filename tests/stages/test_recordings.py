@@ -1,0 +1,111 @@
+"""What is known of the cells of a bench counts wherever its recording goes; right ones pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import beltid
+from beltid.config import find_config
+from beltid.stage import STAGES
+from beltid.stages import steps  # noqa: F401  (registers the stages)
+from beltid.stages.friction import SMALL_SAMPLES, typical_runs
+from beltid.store.artifact import Artifact, read_artifact
+
+CELLS = ((1.25, 12.0), (0.8, -7.0))
+"""Gain and reading without a force of the tight and the slack cell: T = gain (reading - tare)."""
+CONFIG = """\
+friction:
+  tension_tight_tare_N: 12.0
+  tension_slack_tare_N: -7.0
+  tension_tight_gain: 1.25
+  tension_slack_gain: 0.8
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path, part_of_rig: Callable[..., str]) -> Path:
+    """Four runs of the rig, and the same as such cells read them, each beside its config."""
+    (tmp_path / "true.csv").write_text(part_of_rig((82,), (100, 411), (0.05, 0.21)))
+    header, *rows = (tmp_path / "true.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        for k, (gain, tare) in zip((2, 3), CELLS, strict=True):
+            row[k] = f"{float(row[k]) / gain + tare:.12g}" if row[k] else ""
+    (tmp_path / "read.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    (tmp_path / "read.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def run(name: str, out: Path, first: Path, **files: Path) -> Artifact:
+    return STAGES[name].run(find_config(first), files, out).artifact
+
+
+def test_the_cells_of_the_second_bench_are_taken_off(bench: Path) -> None:
+    friction, second = bench / "friction.parquet", bench / "read.csv"
+    run("fit-friction", friction, bench / "true.csv", frame=bench / "true.csv")
+    files = {"friction": friction, "simulated": second}
+    compared = run("compare", bench / "compare.parquet", second, **files)
+    assert compared.record.tables["groups"][0]["rms_percent"] < 1e-3
+
+
+def test_the_curves_of_the_report_are_those_of_the_reduction(bench: Path) -> None:
+    rig, friction = bench / "read.csv", bench / "friction.parquet"
+    run("fit-friction", friction, rig, frame=rig)
+    curves = run("rig-curves", bench / "curves.parquet", rig, frame=rig, friction=friction).columns
+    reduced = read_artifact(friction, "friction").columns
+    true = beltid.read_rig(bench / "true.csv")
+    detailed = str(curves["run"][0])  # the typical run; the others are small pictures
+    whole, typical = true[true.run == detailed], curves["run"] == detailed
+    for name in ("tension_tight_N", "tension_slack_N"):
+        np.testing.assert_allclose(curves[name][typical], whole[name], rtol=1e-9)
+    row = int(np.flatnonzero(reduced["run"] == detailed)[0])
+    late = typical & (curves["time_s"] > reduced["plateau_start_s"][row])
+    assert np.nanmedian(curves["mu"][late]) == pytest.approx(reduced["mu_sliding"][row], rel=0.01)
+    for label in set(curves["run"]) - {detailed}:  # the extremes of neighbouring samples
+        kept, of = curves["tension_tight_N"][curves["run"] == label], true[true.run == label]
+        assert 40 < kept.size <= SMALL_SAMPLES < len(of)
+        extremes = (of.tension_tight_N.max(), of.tension_tight_N.min())
+        assert (kept.max(), kept.min()) == pytest.approx(extremes)
+
+
+def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:
+    rng = np.random.default_rng(3)
+    table = {
+        "arc_deg": rng.uniform(35.0, 130.0, 120),
+        "nominal_tension_N": rng.uniform(50.0, 400.0, 120),
+        "slip_speed_m_s": rng.uniform(0.002, 0.05, 120),
+        "status": np.where(np.arange(120) % 7, "ok", "never turned").astype(object),
+    }
+    rows = list(typical_runs(table))
+    assert len(rows) == 4
+    assert set(table["status"][rows]) == {"ok"}
+    arcs = table["arc_deg"][rows]
+    assert list(arcs) == sorted(arcs)
+    assert arcs[-1] - arcs[0] > 0.5 * 95.0
+    table["arc_deg"] = np.repeat([40.2, 39.8, 68.0, 82.0], 30)  # settings: a run of each
+    of_settings = table["arc_deg"][list(typical_runs(table))]
+    assert of_settings == pytest.approx([40.0, 68.0, 82.0], rel=0.01)
+
+
+@pytest.mark.parametrize(("span_m", "EA_N", "arc_deg"), [(0.03, 1e5, 25.0), (1.0, 2e4, 170.0)])
+def test_a_torque_beside_a_cell_is_plausible_for_belts_and_spans_of_any_stiffness(
+    span_m: float, EA_N: float, arc_deg: float
+) -> None:
+    config = {"belt": {"axial_stiffness_N": EA_N}, "rig": {"span_length_m": span_m}}
+    law = beltid.NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
+    settings = {"arc_deg": arc_deg, "initial_tension_N": 270.0, "pulley_speed_rad_s": 0.21}
+    recording = beltid.simulate_rig(config, 0.9, law, method="transient", **settings).recording
+    torque = (recording.tension_tight_N - recording.tension_slack_N) * 0.05
+    frame = recording.drop(columns="tension_tight_N").assign(torque_N_m=torque)
+
+    def mu(frame: Any) -> np.ndarray:
+        found = beltid.fit_friction(frame, config).to_frame()
+        assert set(found.status) == {"ok"}
+        return found.mu_sliding.to_numpy()
+
+    np.testing.assert_allclose(mu(frame), mu(recording), rtol=1e-3)
