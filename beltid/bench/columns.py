@@ -10,9 +10,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.clock import DAY_S, Clock
 from beltid.bench.mapping import Found, Needs, channels_of, mapped, meant, notes_of, refuse_missing
-from beltid.bench.numbers import is_number, numbers_of, words_of
+from beltid.bench.numbers import DAY_S, Clock, is_number, numbers_of, words_of
 from beltid.bench.raw import Raw, first_texts, is_text
 from beltid.tables.units import Conversion
 from beltid.tables.values import absent

@@ -14,12 +14,19 @@ from typing import Final
 
 import pandas as pd
 
-from beltid.bench.clock import written_as
-from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_position, without_unit
-from beltid.bench.numbers import NumberSigns
+from beltid.bench.names import (
+    IN_NAME,
+    roles_meant,
+    simplified,
+    span_of,
+    unit_in_name,
+    without_position,
+    without_unit,
+)
+from beltid.bench.numbers import NumberSigns, written_as
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import roles_meant, simplified, span_of
+from beltid.bench.sheets import read_field
 from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -10,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from beltid.bench.names import POSITION
 from beltid.bench.numbers import NumberSigns
 from beltid.errors import InputError, Problems
 from beltid.tables.units import T, allowed_units, conversion
@@ -20,8 +20,6 @@ SCALING: Final = {
     "scale_factor": 1.0,
 }
 """Properties that scale the counts of a converter -> the value that has no effect."""
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""Number that distinguishes channels of the same name."""
 TIME: Final = "time_s"
 """Name of the times of samples, if a format has them besides its channels."""
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench import containers, excel, frames, lvm, text, variables
+from beltid.bench import sheets, text, variables, waveforms
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, is_many, sources_of
@@ -30,13 +30,13 @@ from beltid.tables.values import absent
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
 READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
-    "tdms": containers.read_tdms,
-    "mdf": containers.read_mdf,
-    "uff": containers.read_uff,
+    "tdms": waveforms.read_tdms,
+    "mdf": waveforms.read_mdf,
+    "uff": waveforms.read_uff,
     "mat": variables.read_matlab,
     "hdf5": variables.read_hdf5,
-    "excel": excel.read,
-    "parquet": frames.read,
+    "excel": sheets.read_excel,
+    "parquet": variables.read_parquet,
 }
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
 
@@ -157,7 +157,7 @@ def tables_in(source: Source, dialect: Mapping[str, Any], problems: Problems) ->
             if form == "text":
                 return list(text.read(file, source.name, dialect))
             if form == "lvm":
-                return list(lvm.read(file, source.name, dialect))
+                return list(waveforms.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
             if not any(len(table.frame) for table in tables):
                 raise InputError(f"{source.name}: is empty: it holds no channel with samples")
@@ -277,7 +277,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
         options = ReadOptions(rig=options.rig)
         frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
-    raw = frames.frame_of(frame, "frame")
+    raw = variables.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
     options = replace(options, pattern=None, run_table=None, names=names)
@@ -290,7 +290,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
-    raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
+    raw, columns, problems = variables.frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)
         if values is None or column.dtype in ("list", "bool"):

@@ -14,7 +14,6 @@ import pandas as pd
 
 from beltid.bench import text
 from beltid.bench.columns import Part, read_part, together, values_of
-from beltid.bench.header import side_by_side, without_position
 from beltid.bench.mapping import (
     Found,
     Needs,
@@ -25,9 +24,9 @@ from beltid.bench.mapping import (
     meant,
     with_unit,
 )
+from beltid.bench.names import roles_meant, side_by_side, without_position
 from beltid.bench.options import DIALECT, ReadOptions
 from beltid.bench.raw import Field, Raw
-from beltid.bench.vocabulary import roles_meant
 from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Column, Table

@@ -19,18 +19,11 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
-from beltid.bench.header import (
-    MAX_COLUMNS,
-    SEARCHED,
-    Head,
-    distinct_names,
-    find_head,
-    head_at,
-    is_sample,
-)
+from beltid.bench.files import as_utf8
+from beltid.bench.names import distinct_names
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
-from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
+from beltid.bench.sheets import MAX_COLUMNS, SEARCHED, Head, find_head, head_at, is_sample
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import RECORDINGS, table
 
