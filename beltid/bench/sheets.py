@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.names import distinct_names, is_unit, unit_in_name, without_unit
+from beltid.bench.names import distinct_names, is_unit, unit_in_name
 from beltid.bench.numbers import MISSING, NumberSigns, is_clock, is_date, is_number
 from beltid.bench.raw import Field, Raw, first_texts
 from beltid.errors import InputError
@@ -121,17 +121,8 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
             cells = re.split("[=:]", cells[0], maxsplit=1)
         name = cells[0].strip("#%:= ") if cells else ""
         if name and 2 <= len(cells) <= 3:
-            fields.append(read_field(name, *(cell.strip() for cell in cells[1:])))
+            fields.append(Field(name, *(cell.strip() for cell in cells[1:])))
     return tuple(fields)
-
-
-def read_field(name: str, text: str, unit: str = "") -> Field:
-    """Build a header field; its unit is given, in the name, or after the number."""
-    unit = unit or unit_in_name(name)
-    number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", text)
-    if not unit and number and is_unit(number[2]):
-        return Field(without_unit(name), number[1], number[2].strip())
-    return Field(without_unit(name), text, unit)
 
 
 # --- workbooks ------------------------------------------------------------------------------------

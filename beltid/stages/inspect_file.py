@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.inspection import Inspection, RunView, inspect_recording, ranges
-from beltid.bench.options import ReadOptions
 from beltid.config import Config, ConfigSource, load_config
 from beltid.config.layout import KINDS
 from beltid.config.loading import effective_values
@@ -27,7 +26,7 @@ from beltid.store.artifact import plain
 from beltid.store.disk import write_text
 from beltid.store.place import anyone_s, check_place
 from beltid.tables import schemas
-from beltid.tables.units import Calibration, canonical_unit
+from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8
@@ -183,11 +182,10 @@ def file_sections(inspection: Inspection, config: Config) -> Sections:
         for role, match in found.items()
         if match.how != "own name"
     ]
-    options = ReadOptions.of(config, kind)
     return {
         "columns": {kind: columns},
-        "units": {kind: _units(inspection, options.units)},
-        "runs": {kind: _runs(inspection, options)},
+        "units": {kind: _units(inspection, config.units[kind])},
+        "runs": {kind: _runs(inspection, config.runs[kind])},
     }
 
 
@@ -198,11 +196,8 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
         c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
     }
     for role, match in inspection.found.items():
-        unit = stated.get(role)
-        if isinstance(unit, Calibration):
-            unit = {"factor": unit.factor, "offset": unit.offset}
-        if unit is not None:
-            lines.append(f"    {role}: {value_text(unit)}")
+        if role in stated:
+            lines.append(f"    {role}: {value_text(stated[role])}")
         elif match.stated and match.channel.unit:
             lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
         ours = columns[role].unit
@@ -213,15 +208,15 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     return lines + comments
 
 
-def _runs(inspection: Inspection, options: ReadOptions) -> list[str]:
+def _runs(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
     entries = list[str]()
-    if options.pattern:
-        entries.append(f"    pattern: {value_text(options.pattern)}")
-    if options.run_table is not None:
-        entries.append(f"    table: {value_text(options.run_table.absolute())}")
-    if options.values:
-        entries.append(f"    values: {value_text(dict(options.values))}")
+    if stated["pattern"]:
+        entries.append(f"    pattern: {value_text(stated['pattern'])}")
+    if stated["table"] is not None:
+        entries.append(f"    table: {value_text(stated['table'].absolute())}")
+    if stated["values"]:
+        entries.append(f"    values: {value_text(dict(stated['values']))}")
     if inspection.pattern:
         how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
         entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))
