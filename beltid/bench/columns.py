@@ -68,7 +68,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, elsewhere: Collection[str] = ()
         for c in (in_groups(all_of_them) if times else all_of_them)
         if id(c.raw) in {*map(id, raws)} and own.get(id(c.raw)) != c.key
     ]
-    found = mapped(channels, needs, raws[0].units_place)
+    place = f"{raws[0].place}:{line}" if (line := raws[0].units_line) else raws[0].head
+    found = mapped(channels, needs, place)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raws[0])
     if times:
         found["time_s"] = times[id(first)][0]

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import word_of
-from beltid.bench.raw import UNITS, Field, Rasters, Raw, unapplied_scaling
+from beltid.bench.raw import UNITS, Field, Raw, Written, tables_of, unapplied_scaling
 from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
 
@@ -107,7 +107,7 @@ def _plain(value: Any) -> Any:
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     """Yield the tables in variables; InputError if there is none."""
     left_out: list[str] = []
-    tables = list(_rasters("", members, Rasters(place, "", form), left_out))
+    tables = list(_of_structs("", members, place, form, (), left_out))
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -117,26 +117,32 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     yield from tables
 
 
-def _rasters(name: str, members: Variables, above: Rasters, left_out: list[str]) -> Iterator[Raw]:
+def _of_structs(
+    name: str,
+    members: Variables,
+    place: str,
+    form: str,
+    above: tuple[Field, ...],
+    left_out: list[str],
+) -> Iterator[Raw]:
     """Yield the table of a struct, then those of the structs in it."""
-    rasters = Rasters(above.place, name, above.form, above.fields)
+    fields, found = [*above], list[Written]()
     for key, member in members.items():
         if not isinstance(member, Variable):
             continue
         array = np.asarray(member.value)
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
         if array.size == 1 and array.dtype.kind in "biufOSU" and member.value is not None:
-            field = Field(key, str(_plain(array)), member.unit)
-            rasters.fields = (*rasters.fields, field)
+            fields.append(Field(key, str(_plain(array)), member.unit))
         elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
-            rasters.add(key, array, member.unit, scaling=member.scaling)
+            found.append(Written(key, array, member.unit, scaling=member.scaling))
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    rasters.notes = [*left_out]
-    yield from rasters.tables()
+    yield from tables_of(place, name, form, found, fields, left_out)
     for key, member in members.items():
         if not isinstance(member, Variable):
-            yield from _rasters(f"{name}.{key}" if name else key, member, rasters, left_out)
+            inner = f"{name}.{key}" if name else key
+            yield from _of_structs(inner, member, place, form, tuple(fields), left_out)
 
 
 # --- Parquet and tables in memory ----------------------------------------------------------------

@@ -18,10 +18,11 @@ from beltid.bench.raw import (
     TIME,
     UNITS,
     Field,
-    Rasters,
     Raw,
+    Written,
     even_times,
     in_seconds,
+    tables_of,
     unapplied_scaling,
 )
 from beltid.errors import SHOWN, InputError, Problems
@@ -52,15 +53,16 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
     for group in file.groups():
         about = {**file.properties, **group.properties}.items()
         fields = (Field(str(k), str(v)) for k, v in about if not k.startswith(("wf_", "NI_")))
-        rasters = Rasters(place, group.name, "NI TDMS", tuple(fields))
+        found = list[Written]()
         for channel in group.channels():
             values, properties = channel[:], channel.properties
             unit = next((str(properties[p]) for p in UNITS if p in properties), "")
             if values.dtype.kind == "M":
                 values, unit = np.datetime_as_string(values, unit="us"), ""
             times = _waveform(properties, len(values), origin, place)
-            rasters.add(channel.name, values, unit, times, unapplied_scaling(values, properties))
-        yield from rasters.tables()
+            scaling = unapplied_scaling(values, properties)
+            found.append(Written(channel.name, values, unit, times, scaling))
+        yield from tables_of(place, group.name, "NI TDMS", found, fields)
 
 
 def _waveform(
@@ -89,15 +91,15 @@ def read_mdf(path: Path, place: str) -> Iterator[Raw]:
             master = file.masters_db.get(index)
             unit = "" if master is None else str(group.channels[master].unit or "")
             name = str(getattr(group.channel_group, "acq_name", "") or "") or f"group {index + 1}"
-            rasters = Rasters(place, name, f"ASAM MDF {file.version}")
+            found = list[Written]()
             for number, channel in enumerate(group.channels):
                 if number != master:
                     signal = file.get(group=index, index=number)
                     times = np.asarray(signal.timestamps, float)
                     if len(times) == len(signal.samples) and len(times):
-                        seconds = in_seconds(times, unit, place)
-                        rasters.add(channel.name, signal.samples, str(signal.unit or ""), seconds)
-            yield from rasters.tables()
+                        seconds, own = in_seconds(times, unit, place), str(signal.unit or "")
+                        found.append(Written(channel.name, signal.samples, own, seconds))
+            yield from tables_of(place, name, f"ASAM MDF {file.version}", found)
 
 
 def read_uff(path: Path, place: str) -> Iterator[Raw]:
@@ -106,18 +108,22 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
 
     _refuse_uff(path.read_bytes(), place)
     file = pyuff.UFF(str(path))
-    rasters, left_out = Rasters(place, "", "universal file (UFF 58)"), list[str]()
+    found, fields, left_out = list[Written](), list[Field](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         is_time = record.get("abscissa_spec_data_type") == 17
         if is_time and not np.iscomplexobj(record["data"]):
-            _add_record(record, rasters, place)
+            said = {k: str(v).strip() for k, v in record.items() if isinstance(v, str)}
+            said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
+            found.append(_record(record, said, place))
+            fields += [
+                Field(f"ID line {i}", said[f"id{i}"]) for i in range(2, 6) if f"id{i}" in said
+            ]
         else:
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
-    if not rasters.parts:
+    if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
-    rasters.notes += left_out
-    yield from rasters.tables()
+    yield from tables_of(place, "", "universal file (UFF 58)", found, fields, left_out)
 
 
 def _refuse_uff(data: bytes, place: str) -> None:
@@ -129,13 +135,8 @@ def _refuse_uff(data: bytes, place: str) -> None:
             raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
 
 
-def _add_record(record: Mapping[str, Any], rasters: Rasters, place: str) -> None:
-    """Add the time record of a dataset 58."""
-
-    def said(key: str) -> str:
-        text = str(record.get(key) or "").strip()
-        return "" if text.upper() == "NONE" else text
-
+def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
+    """Return the time record of a dataset 58, and what its texts say."""
     n, stated = len(record["data"]), int(record["num_pts"])
     if n != stated:
         raise InputError(
@@ -145,11 +146,9 @@ def _add_record(record: Mapping[str, Any], rasters: Rasters, place: str) -> None
     times = np.asarray(record["x"], dtype=float)
     if record["abscissa_spacing"]:
         times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
-    name = said("id1") or said("ordinate_axis_lab") or f"response {record['rsp_node']}"
-    seconds = in_seconds(times, said("abscissa_axis_units_lab"), place)
-    rasters.add(name, record["data"], said("ordinate_axis_units_lab"), seconds)
-    lines = (Field(f"ID line {i}", said(f"id{i}")) for i in range(2, 6))
-    rasters.fields = (*rasters.fields, *(line for line in lines if line.text))
+    name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
+    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
+    return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
 
 
 # --- LabVIEW measurements ------------------------------------------------------------------------
@@ -224,7 +223,7 @@ def _segment(
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
-    rasters = Rasters(place, "", "LabVIEW measurement (.lvm)", (*fields, *_start(header)))
+    found = list[Written]()
     for k, (x, y) in enumerate(pairs):
         stated = _cell(header, "Samples", k)
         if stated.isdecimal() and int(stated) > len(rows):
@@ -236,10 +235,12 @@ def _segment(
         length = int(filled[-1]) + 1 if filled.size else 0
         written = None if kind == "no" else columns[x][:length]
         times = _time(written, header, k, length, f"{place}, line {at + 1}") if length else None
-        rasters.add(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
+        unit = _cell(header, "Y_Unit_Label", k)
+        found.append(Written(names[y], columns[y][:length], unit, times))
+    form = "LabVIEW measurement (.lvm)"
     return [
         replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
-        for raw in rasters.tables()
+        for raw in tables_of(place, "", form, found, [*fields, *_start(header)])
     ]
 
 
