@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from beltid.bench.recording import Recording
     from beltid.config import Config, ConfigSource
     from beltid.store.artifact import Artifact, Origin, Record
 
@@ -234,6 +233,7 @@ class Stage:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
         """Compute from tables, results and laws in memory."""
+        from beltid.bench.recording import recording_in
         from beltid.config import load_config
         from beltid.store.artifact import Artifact, combined_origin
 
@@ -247,7 +247,7 @@ class Stage:
         origins = [r.origin for r in results if isinstance(r, (Outcome, Artifact))]
         for role, kind in self.reads.items():
             if kind in RECORDINGS:
-                given[role] = _in_memory(given[role], str(kind), config)
+                given[role] = recording_in(given[role], str(kind), config)
         outcome = self.compute(**given)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
@@ -464,17 +464,6 @@ def as_measured(config: Config, friction: Any) -> Config:
     return config.with_rig(
         {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
     )
-
-
-def _in_memory(frame: Any, kind: str, config: Config) -> Recording:
-    """Return a frame as a recording; without a time, that of a rig is a table of plateaus."""
-    from beltid.bench.recording import recording_in
-
-    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
-    time = config.columns[kind].get("time_s", "time_s")
-    if kind == "rig" and isinstance(names, Iterable) and time not in [str(n) for n in names]:
-        kind = "points"
-    return recording_in(frame, kind, config)
 
 
 def _kind_of(kind: Kind, path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -10,10 +9,19 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.clock import DAY_S, Clock
-from beltid.bench.mapping import Found, Needs, channels_of, mapped, meant, notes_of, refuse_missing
-from beltid.bench.numbers import is_number, numbers_of, words_of
-from beltid.bench.raw import Raw, first_texts, is_text
+from beltid.bench.mapping import (
+    Found,
+    Needs,
+    channels_of,
+    in_groups,
+    mapped,
+    meant,
+    notes_of,
+    refuse_missing,
+    resolved,
+)
+from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
+from beltid.bench.raw import Raw, is_text
 from beltid.tables.units import Conversion
 from beltid.tables.values import absent
 
@@ -46,27 +54,45 @@ class Part:
         return self.raw.at(sample if self.rows is None else int(self.rows[sample]))
 
 
-def read_part(raw: Raw, needs: Needs, elsewhere: Collection[str] = ()) -> Part | None:
-    """Read our columns from the table of one recording; None if something is wrong.
+def read_part(raws: Sequence[Raw], needs: Needs, elsewhere: Collection[str] = ()) -> Part | None:
+    """Read our columns from the tables of one recording; None if something is wrong.
 
     `elsewhere` lists our columns that are stated outside the columns.
     """
-    problems, wrong = needs.problems, needs.problems.count
-    channels = channels_of([raw])
-    found = mapped(channels, needs, raw.units_place)
+    problems, wrong, clock = needs.problems, needs.problems.count, Clock()
+    times = _times(raws, needs, clock) if len(raws) > 1 else {}
+    raws, all_of_them = [raw for raw in raws if id(raw) in times] or raws[:1], channels_of(raws)
+    own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
+    channels = [
+        c
+        for c in (in_groups(all_of_them) if times else all_of_them)
+        if id(c.raw) in {*map(id, raws)} and own.get(id(c.raw)) != c.key
+    ]
+    place = f"{raws[0].place}:{line}" if (line := raws[0].units_line) else raws[0].head
+    found = mapped(channels, needs, place)
+    first = next((found[role].channel.raw for role in MASTERS if role in found), raws[0])
+    if times:
+        found["time_s"] = times[id(first)][0]
     if problems.count == wrong:
-        refuse_missing(channels, found, needs, raw.head, elsewhere)
+        refuse_missing(channels, found, needs, raws[0].head, elsewhere)
     if problems.count > wrong:
         return None
-    clock = Clock()
-    columns = {role: values_of(match, needs, clock) for role, match in found.items()}
-    problems.take(raw.problems)
-    # without the table, whose memory is free once the columns are used up
-    bare = raw.bare()
-    notes = [*raw.notes, *notes_of(found, needs.table, channels)]
-    kept = {r: replace(f, channel=replace(f.channel, raw=bare)) for r, f in found.items()}
-    columns, rows = _filled(columns)
-    part = Part(bare, columns, kept, notes=notes, rows=rows)
+    # without the tables, whose memory is free once the columns are used up
+    bare = {id(raw): raw.bare() for raw in raws}
+    notes = [*dict.fromkeys(note for raw in raws for note in raw.notes)]
+    rows: np.ndarray | None
+    if times:
+        columns, rows = _aligned(found, times, first, needs, notes)
+    else:
+        columns, rows = _filled({r: values_of(match, needs, clock) for r, match in found.items()})
+    for raw in raws:
+        problems.take(raw.problems)
+    notes += notes_of(found, needs.table, channels)
+    kept = {
+        role: replace(f, channel=replace(f.channel, raw=bare[id(f.channel.raw)]))
+        for role, f in found.items()
+    }
+    part = Part(bare[id(first)], columns, kept, notes=notes, rows=rows)
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
@@ -89,7 +115,7 @@ def _filled(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.n
 
 def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndarray:
     """Return a channel in the type and unit of our column; report what is no number."""
-    raw, column = found.channel.raw, found.channel.raw.frame[found.channel.name]
+    raw, column = found.channel.raw, found.channel.values
     if needs.table.column(found.role).dtype == "string":
         return words_of(column)
     if found.is_clock:
@@ -100,90 +126,73 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
     return numbers if found.by == Conversion(1.0) else found.by.apply(numbers)
 
 
-def together(raws: Sequence[Raw], needs: Needs) -> Raw:
-    """Join the rasters of one recording at the times of the one with the first of `MASTERS`.
+# --- rasters -------------------------------------------------------------------------------------
+
+Times = dict[int, tuple[Found, np.ndarray]]
+"""Table of a raster -> the channel with its times, and these in seconds."""
+
+
+def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:
+    """Return the rasters that hold a channel of ours and have a time, if need be one alike."""
+    times: Times = {}
+    wanted = {id(raw): meant(channels_of([raw]), needs) for raw in raws}
+    for raw in raws:
+        matches = wanted[id(raw)].pop("time_s", None)
+        found = resolved(matches, needs, raw.place) if matches else None
+        if found is not None:
+            times[id(raw)] = found, values_of(found, needs, clock)
+    for raw in raws:
+        alike = [time for time in times.values() if len(time[1]) == len(raw.frame)]
+        if id(raw) not in times and alike:
+            times[id(raw)] = alike[0]
+    return {of: time for of, time in times.items() if wanted[of]}
+
+
+def _aligned(
+    found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Join the rasters of one recording at the times of the first with one of `MASTERS`.
 
     Numbers are interpolated linearly. Only the time that the sensors of `MASTERS` share is kept;
     other channels are missing outside the time they cover; nothing is extrapolated.
     """
-    if len(raws) == 1:
-        return raws[0]
-    place, wrong = raws[0].place, needs.problems.count
-    raws = [replace(raw, groups=dict.fromkeys(map(str, raw.frame), raw.name)) for raw in raws]
-    roles = [meant(channels_of([raw]), needs) for raw in raws]
-    wanted = [{f.channel.name for fs in of.values() for f in fs} for of in roles]
-    times = {k: v for k, v in _times(raws, needs).items() if wanted[k] - {v[0]}}
-    masters = [k for role in MASTERS for k in times if role in roles[k]]
-    if not times or needs.problems.count > wrong:
-        return raws[0]
-    first = next(iter(masters or times))
-    clock = times[first][1]
-    begin = max(times[k][1][0] for k in masters or [first])
-    end = min(times[k][1][-1] for k in masters or [first])
-    kept = (clock >= begin) & (clock <= end)
-    names = Counter(name for raw in raws for name in raw.frame)
-    whole = replace(raws[first], name="", units={}, scaling={}, groups={}, lines=())
-    columns, others, left_out = {}, list[str](), list[str]()
-    for k, (name_of_time, time) in times.items():
-        raw = raws[k]
-        is_same = len(time) == len(clock) and np.allclose(time, clock, rtol=0, atol=1e-9)
-        if not is_same and not np.all(np.diff(time) > 0):
-            needs.problems.add(
-                f"{place}: the time of {raw.name} (time_s) does not increase from sample to "
-                "sample, so its channels cannot be aligned with those of other rates"
-            )
-        for name in [*raw.frame] if k == first else sorted(wanted[k] - {name_of_time}):
-            is_alone = names[name] == 1 or name == name_of_time
-            own = name if is_alone else f"{raw.name}/{name}"
-            same = raw.frame[name].to_numpy()
-            values = same if is_same else _interpolated(raw, name, time, clock, needs)
-            if values is None:
-                left_out.append(own)
-                continue
-            others += [] if is_same else [own]
-            columns[own], whole.groups[own] = values[kept], raw.name
-            whole.units[own] = raw.units.get(name, "")
-            whole.scaling[own] = raw.scaling.get(name, "")
+    place = first.place
+    seconds = {of: _past_midnights(time, written) for of, (time, written) in times.items()}
+    time = seconds[id(first)]
+    masters = [seconds[id(found[r].channel.raw)] for r in MASTERS if r in found] or [time]
+    begin, end = max(t[0] for t in masters), min(t[-1] for t in masters)
+    kept = (time >= begin) & (time <= end)
+    columns, moved, left_out = {"time_s": times[id(first)][1][kept]}, list[str](), list[str]()
+    for role in [role for role in found if role != "time_s"]:
+        match, own = found[role], seconds[id(found[role].channel.raw)]
+        values, name = values_of(match, needs), match.channel.name
+        is_same = len(own) == len(time) and np.allclose(own, time, rtol=0, atol=1e-9)
+        if not is_same and values.dtype == object:
+            left_out.append(name)
+            del found[role]
+            continue
+        if not is_same:
+            moved.append(name)
+            if not np.all(np.diff(own) > 0):
+                needs.problems.add(
+                    f"{place}: the time of {match.channel.raw.name} (time_s) does not increase "
+                    "from sample to sample, so its channels cannot be aligned with those of others"
+                )
+            values = np.interp(time, own, values, left=np.nan, right=np.nan)
+        columns[role] = values[kept]
     if kept.sum() < MIN_OVERLAP:
         needs.problems.add(
             f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "
             f"s; must be at least {MIN_OVERLAP}"
         )
-    notes = [f"{', '.join(others)} interpolated linearly to the other times"] if others else []
+    notes += [f"{', '.join(moved)} interpolated linearly to the other times"] if moved else []
     notes += [f"{', '.join(left_out)} left out: no numbers"] if left_out else []
     if not kept.all():
         notes.append(f"{(~kept).sum()} samples outside the time shared by the sensors left out")
-    fields = tuple(dict.fromkeys(f for raw in raws for f in raw.fields))
-    notes = [*dict.fromkeys(n for raw in raws for n in raw.notes), *notes]
-    return replace(whole, frame=pd.DataFrame(columns), fields=fields, notes=tuple(notes))
+    return columns, np.flatnonzero(kept)
 
 
-def _times(raws: Sequence[Raw], needs: Needs) -> dict[int, tuple[str, np.ndarray]]:
-    """Return the rasters with a time -> its channel and seconds; one time applies to all alike."""
-    times, clock = {}, Clock()
-    for k, raw in enumerate(raws):
-        found = mapped(channels_of([raw]), needs, raw.place, ["time_s"]).get("time_s")
-        if found is not None:
-            seconds = values_of(found, needs, clock)
-            if found.is_clock:  # aligned across midnight
-                nights = np.diff(seconds, prepend=seconds[:1]) < -DAY_S / 2
-                seconds = seconds + DAY_S * np.cumsum(nights)
-            times[k] = found.channel.name, seconds
-    for k, raw in enumerate(raws):
-        alike = [seconds for _, seconds in times.values() if len(seconds) == len(raw.frame)]
-        if k not in times and alike:
-            times[k] = "", alike[0]
-    return times
-
-
-def _interpolated(
-    raw: Raw, name: str, time: np.ndarray, clock: np.ndarray, needs: Needs
-) -> np.ndarray | None:
-    """Return a channel at other times, nan outside its own; None if it holds no numbers."""
-    column = raw.frame[name]
-    numbers = column.to_numpy()
-    if is_text(column):
-        if not all(map(is_number, first_texts(column)[:1])):
-            return None
-        numbers = numbers_of(column, raw.signs, name, raw.at, needs.problems)
-    return np.interp(clock, time, numbers, left=np.nan, right=np.nan)
+def _past_midnights(time: Found, seconds: np.ndarray) -> np.ndarray:
+    """Return clock times that go on past midnight."""
+    nights = np.diff(seconds, prepend=seconds[:1]) < -DAY_S / 2
+    return seconds + DAY_S * np.cumsum(nights) if time.is_clock else seconds

@@ -1,20 +1,36 @@
-"""The files that a path names: one file, or one per run in a folder, pattern or zip file."""
+"""Files of a recording: those that a path names, their format by their bytes, what is packed."""
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import glob
+import gzip
 import hashlib
+import re
 import tempfile
+import zipfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import Final
+from typing import IO, Final, cast
 
-from beltid.bench.packed import format_of, members, natural, refuse_kinds, unpack
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES, opened, sha256
 
+MAX_FILES: Final = 5000
+_SIGNATURES: Final = (
+    (rb"PAR1", "parquet"),
+    (rb"\x1f\x8b", "gzip"),
+    (rb"TDSm", "tdms"),
+    (rb"MDF     |UnFinMF ", "mdf"),
+    (rb"(?s:.{512})?\x89HDF\r\n\x1a\n", "hdf5"),  # MATLAB 7.3 puts its own header first
+    (rb"MATLAB 5.0 MAT-file|(?s:.{124})(?:\x00\x01IM|\x01\x00MI)", "mat"),
+    (rb"(?:\xef\xbb\xbf)?LabVIEW Measurement", "lvm"),
+    (rb"PK\x03\x04|PK\x05\x06", "zip"),
+    (rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]", "uff"),  # -1, the number of a dataset
+)
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
 _COMPANIONS: Final = frozenset({".tdms_index", ".lnk", ".db", ".ini"})
 
@@ -136,3 +152,111 @@ def _candidates(path: Path) -> list[Path]:
         and not f.name.startswith((".", "~$"))
         and f.suffix.lower() not in _COMPANIONS
     ]
+
+
+# --- bytes ----------------------------------------------------------------------------------------
+
+
+def format_of(path: Path, name: str = "") -> str:
+    """Return the format of a file, from its bytes: "text", "parquet", "gzip", "zip", "lvm", ...
+
+    The name decides only where the bytes do not (MATLAB 4).
+    """
+    with opened(path) as file:
+        head = file.read(1024)
+    form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "")
+    if form == "zip":
+        data = path.read_bytes()  # also of a damaged archive
+        return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
+    return form or ("mat" if name.lower().endswith(".mat") else "text")
+
+
+def members(path: Path, shown: str) -> list[str]:
+    """Return the names of the files in a zip file in natural order; InputError if it is refused."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [e.filename for e in archive.infolist() if not e.is_dir()]
+    except Exception:  # a damaged file can raise nearly anything
+        raise InputError(f"{shown}: the zip file is damaged or cut off") from None
+    own = [n for n in names if PurePosixPath(n).name[0] != "." and not n.startswith("__MACOSX/")]
+    if not own:
+        raise InputError(f"{shown}: the zip file is empty")
+    refuse_kinds([PurePosixPath(name) for name in own], shown)
+    return sorted(own, key=natural)
+
+
+def refuse_kinds(files: Sequence[PurePath], place: str) -> None:
+    """Refuse files that are too many, or of several kinds."""
+    kinds = Counter("".join(f.suffixes[-2:] if f.suffix == ".gz" else f.suffix) for f in files)
+    kinds = Counter({ending.lower(): kinds[ending] for ending in kinds})
+    if len(kinds) > 1:
+        shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
+        raise InputError(
+            f"{place}: holds files of several kinds ({shown}); "
+            f"name only the runs, such as {PurePath(place, f'*{kinds.most_common(1)[0][0]}')}"
+        )
+    if len(files) > MAX_FILES:
+        raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")
+
+
+def natural(name: str) -> tuple[tuple[int, str], ...]:
+    """Return a sort key that puts run2 before run10."""
+    parts = re.split(r"([0-9]{1,18})", name)  # int() sees digits only
+    return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
+
+
+def unpack(path: Path, out: Path, shown: str, member: str = "") -> None:
+    """Unpack a gzip file, or a file in a zip file, in parts and up to a limit."""
+    written = 0
+    try:
+        with opened(path) as file, out.open("wb") as target, _stream(file, member) as stream:
+            while written <= MAX_BYTES and (part := stream.read(1 << 22)):
+                written += target.write(part)
+    except InputError:
+        raise
+    except Exception:  # each compression method raises its own errors
+        what = f"{member} in the zip file cannot be unpacked" if member else "the gzip file is"
+        raise InputError(f"{shown}: {what} damaged or cut off") from None
+    if written > MAX_BYTES:
+        raise InputError(f"{shown}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
+
+
+def _stream(file: IO[bytes], member: str) -> IO[bytes]:
+    """Open what is packed in a zip file or by gzip."""
+    return zipfile.ZipFile(file).open(member) if member else cast(IO[bytes], gzip.open(file))
+
+
+def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:
+    """Return a text as UTF-8 with single line feeds, its encoding, and notes.
+
+    A file that is not UTF-8 is read as latin-1 only if all western European encodings that
+    measuring computers use (latin-1, cp1252) give the same text.
+    """
+    notes: list[str] = []
+    encoding = (stated or "utf-8").lower()
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        encoding = "utf-16"
+    elif data.startswith(codecs.BOM_UTF8):  # the mark overrides the config
+        encoding, data = "utf-8", data[3:]
+    if encoding != "utf-8" or not data.isascii():
+        try:
+            data = bytearray(data.decode(encoding).encode())
+        except UnicodeDecodeError as error:
+            is_windows = any(0x80 <= byte < 0xA0 for byte in data.translate(None, bytes(128)))
+            if stated or is_windows or b"\0" in data:
+                line = data[: error.start].count(b"\n") + 1
+                hint = "" if stated else "; if it is of Windows, set dialect: {encoding: cp1252}"
+                raise InputError(
+                    f"{place}:{line}: byte 0x{data[error.start]:02X} is not "
+                    f"{stated or 'UTF-8'}{hint}; if it is no text, export it to CSV"
+                ) from None
+            data, encoding = bytearray(data.decode("latin-1").encode()), "latin-1"
+            notes.append("not UTF-8, read as latin-1")
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise InputError(f"{place}:{line}: holds a zero byte: damaged, or no text")
+    if data and data[-1:] not in b"\r\n":
+        notes.append("the last line does not end: if the file was cut off, its number is wrong")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data, encoding, notes

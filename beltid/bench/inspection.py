@@ -14,9 +14,8 @@ import pandas as pd
 from beltid.bench.files import sources_of
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped
 from beltid.bench.numbers import numbers_of
-from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
-from beltid.bench.recording import found_in, of_plateaus, read_recording, tables_in, with_forces
+from beltid.bench.recording import found_in, of_bench, read_recording, tables_in
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
 from beltid.errors import InputError, Problems
@@ -84,16 +83,16 @@ def inspect_recording(
     InputError
         If its first file cannot be read at all.
     """
-    options = {k: ReadOptions.of(config, k) for k in ([kind] if kind else KINDS)}
-    sources = sources_of(path, [o.run_table for o in options.values() if o.run_table is not None])
+    benches = {k: Needs.of(config, k) for k in ([kind] if kind else KINDS)}
+    sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
     names = tuple(source.inside.name for source in sources)
-    problems_of_file = Problems()
-    tables = tables_in(sources[0], next(iter(options.values())).dialect, problems_of_file)
-    problems_of_file.raise_if_any()
+    first = next(iter(benches.values()))
+    tables = tables_in(sources[0], first)
+    first.problems.raise_if_any()
     channels = channels_of(tables)
     if not kind:
-        plateaus = of_plateaus(tables, Needs(options["rig"].table("rig"), options["rig"]))
-        kind = "rig" if plateaus.table.kind == "points" else bench_of(channels, options)[0]
+        are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
+        kind = "rig" if are_plateaus else bench_of(channels, [*benches.values()])[0]
     if not kind:
         held = ", ".join(c.name for c in channels[:12]) or "none"
         problem = (
@@ -101,9 +100,7 @@ def inspect_recording(
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
         return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
-    needs = Needs(options[kind].table(kind), options[kind])
-    needs = with_forces(tables, of_plateaus(tables, needs) if kind == "rig" else needs)
-    has = found_in(tables, Needs(schemas.table(kind), options[kind]))
+    needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
     pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
         stated = {kind: {**config.runs[kind], "pattern": pattern}}
@@ -129,9 +126,8 @@ def inspect_recording(
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
     """Return a pattern of all file names with a setting that is found nowhere else, or ""."""
-    options = needs.options
     required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
-    if not required - found - {*options.values} or options.pattern or options.run_table:
+    if not required - found - {*needs.values} or needs.pattern or needs.run_table:
         return ""
     pattern, dot, ending = names[0].rpartition(".")
     for role, words in _UNIT_WORDS.items():
@@ -154,7 +150,7 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 
 def ranges(channel: Channel) -> dict[str, float]:
     """Return rate, smallest, largest and first number of a channel; nan for texts."""
-    raw, values = channel.raw, channel.raw.frame[channel.name]
+    raw, values = channel.raw, channel.values
     numbers = np.full(len(values), np.nan)
     if not is_text(values):
         numbers = values.to_numpy()
@@ -174,13 +170,11 @@ def _step(time: np.ndarray) -> float:
 
 def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
     """Return the runs of a recording, in the order of their first sample."""
-    codes, labels = pd.factorize(columns[schemas.table(kind).label])
-    order = np.argsort(codes, kind="stable")
-    bounds = np.cumsum(np.bincount(codes))[:-1]
-    sensors = {name: x for name, x in columns.items() if x.dtype != object}
+    sensors = pd.DataFrame({name: x for name, x in columns.items() if x.dtype != object})
+    runs = sensors.groupby(columns[schemas.table(kind).label], sort=False)
     return [
-        _run_view(str(word), {name: x[rows] for name, x in sensors.items()}, kind)
-        for word, rows in zip(labels, np.split(order, bounds), strict=True)
+        _run_view(str(label), {str(name): run[name].to_numpy() for name in run}, kind)
+        for label, run in runs
     ]
 
 

@@ -7,21 +7,30 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.clock import written_as
-from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_position, without_unit
-from beltid.bench.numbers import NumberSigns
-from beltid.bench.options import ReadOptions
+from beltid.bench.names import (
+    IN_NAME,
+    is_unit,
+    roles_meant,
+    simplified,
+    span_of,
+    unit_in_name,
+    without_position,
+    without_unit,
+)
+from beltid.bench.numbers import NumberSigns, written_as
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import roles_meant, simplified, span_of
+from beltid.config import Config
 from beltid.config.model import KINDS
-from beltid.errors import Problems
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
@@ -34,6 +43,11 @@ from beltid.tables.units import (
     conversion,
 )
 
+DIALECT: Final[Mapping[str, Any]] = {
+    **dict.fromkeys(("separator", "decimal", "thousands", "encoding", "names")),
+    "skip_lines": 0,
+}
+"""What is None is detected from the file."""
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
 """Units of raw signals, which need a calibration."""
 NO_UNIT: Final = ("", "-", "1")
@@ -64,59 +78,112 @@ OTHER_UNITS: Final = {
 """Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What is wanted from the files of a bench: the table to fill, and what the config states."""
+
+    table: Table
+    names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
+    units: Mapping[str, str | Calibration] = field(default_factory=dict)
+    pattern: str | None = None  # of the file names, with label and settings
+    run_table: Path | None = None  # with a row per file
+    values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
+    dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
+    measures: tuple[str, str] = ("two_cells", "tight")  # by the config, and the span of a weight
+    rig: Mapping[str, str] = field(default_factory=dict)  # what the channels show
+    problems: Problems = field(default_factory=Problems)
+
+    @classmethod
+    def of(cls, config: Config | None, kind: str) -> Needs:
+        """Return what a config states for a kind of recording."""
+        table = schemas.table(kind)
+        if config is None:
+            return cls(table)
+        dialect = {name: getattr(config.dialect, name) for name in DIALECT}
+        if dialect["decimal"] is not None and dialect["decimal"] == dialect["thousands"]:
+            raise InputError(
+                f'config: dialect.decimal and dialect.thousands are both "{dialect["decimal"]}", '
+                "must differ"
+            )
+        kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
+        runs, rig = config.runs[kind], config.rig
+        units = {
+            n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
+            for n, u in config.units[kind].items()
+        }
+        weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
+        stated = runs["pattern"], runs["table"], weight | runs["values"]
+        return cls(table, config.columns[kind], units, *stated, dialect, (rig.kind, rig.weight_on))
+
+    @property
+    def kind(self) -> str:
+        """Kind of recording of which a config speaks."""
+        return "rig" if self.table.kind == "points" else self.table.kind
+
+    def say(self, section: str, role: str, *values: str) -> str:
+        """Return lines of the config, one of which answers a question."""
+        return " or ".join(f"{section}: {{{self.kind}: {{{role}: {v}}}}}" for v in values)
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """A column of a table as written."""
 
     raw: Raw
-    name: str
+    key: str  # in the frame
+    name: str  # with its group, where another one has the same
     word: str = "column"
+
+    @property
+    def values(self) -> pd.Series:
+        """The cells."""
+        return self.raw.frame[self.key]
 
     @cached_property
     def written(self) -> str:
         """How its first cells are written: "clock", "date" or "" for anything else."""
-        return written_as(first_texts(self.raw.frame[self.name]))
+        return written_as(first_texts(self.values))
 
     @property
     def unit_cell(self) -> str:
         """Unit that the file states besides the name."""
-        return self.raw.units.get(self.name, "")
+        return self.raw.units.get(self.key, "")
 
     @property
     def base(self) -> str:
         """Name without its group, and the position among channels of the same name."""
-        return without_position(self.name.removeprefix(f"{self.raw.groups.get(self.name)}/"))
+        return without_position(self.key)
 
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
-        qualified = f"{self.raw.groups.get(self.name)}/{self.name}"
-        bare = (without_unit(self.name), without_unit(self.base))
-        return (self.name, qualified), (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
+        bare = (without_unit(self.key), without_unit(self.base))
+        exact = (self.name, f"{self.raw.name}/{self.key}")
+        return exact, (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
 
     @property
     def shown(self) -> str:
         """Name and unit, for messages."""
         unit = self.unit_cell.strip("[](){}<> ")
-        return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
+        return f"{self.name} [{unit}]" if unit and not unit_in_name(self.key) else self.name
 
     @property
     def unit_of_name(self) -> str:
         """Unit at the end of the name."""
-        return unit_in_name(self.name) or OTHER_UNITS.get(self.base, ("", ""))[1]
+        return unit_in_name(self.key) or OTHER_UNITS.get(self.base, ("", ""))[1]
 
     @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
         unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
-        return unitless and bool(_IN_RPM.search(self.name))
+        return unitless and bool(_IN_RPM.search(self.key))
 
     @property
     def unit(self) -> str:
         """Unit as written in the file, in a cell or in the name; "" if there is none."""
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
-        unknown = IN_NAME.search(self.name)
+        unknown = IN_NAME.search(self.key)
         by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
         return by_name or (unknown[1].strip() if unknown else "")
 
@@ -144,34 +211,37 @@ class Found:
         return self.role if name == self.role else f'{self.role} ({self.channel.word} "{name}")'
 
 
-@dataclass(frozen=True, slots=True)
-class Needs:
-    """What is wanted from a file: the table to fill, what the config states, the problems."""
-
-    table: Table
-    options: ReadOptions
-    problems: Problems = field(default_factory=Problems)
-
-    def say(self, section: str, role: str, *values: str) -> str:
-        """Return lines of the config, one of which answers a question."""
-        kind = "rig" if self.table.kind == "points" else self.table.kind
-        return " or ".join(f"{section}: {{{kind}: {{{role}: {value}}}}}" for value in values)
-
-
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
-    """Return the channels of the tables of a file."""
-    return [Channel(raw, str(name)) for raw in raws for name in raw.frame if name]
+    """Return the channels of the tables of a file, each by its own name."""
+    return [Channel(raw, str(name), str(name)) for raw in raws for name in raw.frame if name]
 
 
-def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, str | None]) -> list[Channel]:
+def in_groups(channels: Sequence[Channel]) -> list[Channel]:
+    """Return channels of one recording: those of the same name by the names of their groups."""
+    counts = Counter(c.name for c in channels)
+    return [
+        replace(c, name=f"{c.raw.name}/{c.name}") if counts[c.name] > 1 else c for c in channels
+    ]
+
+
+def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, Any]) -> list[Channel]:
     """Return the fields of a header as channels: a field is a column of one row."""
     channels = []
-    for entry in (read_field(f.name, f.text, f.unit) for f in dict.fromkeys(fields)):
+    for entry in map(_with_unit_apart, dict.fromkeys(fields)):
         signs = NumberSigns.of([entry.text], dialect["decimal"], dialect["thousands"])
         frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
         raw = Raw("", frame, units={entry.name: entry.unit}, signs=signs)
-        channels.append(Channel(raw, entry.name, "header field"))
+        channels.append(Channel(raw, entry.name, entry.name, "header field"))
     return channels
+
+
+def _with_unit_apart(entry: Field) -> Field:
+    """Return a field without the unit in its name or after its number."""
+    name, unit = without_unit(entry.name), entry.unit or unit_in_name(entry.name)
+    number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", entry.text)
+    if not unit and number and is_unit(number[2]):
+        return Field(name, number[1], number[2].strip())
+    return Field(name, entry.text, unit)
 
 
 def sensors_of(table: Table) -> list[str]:
@@ -191,32 +261,27 @@ def lacking(table: Table, has: Collection[str]) -> list[str]:
     return missing
 
 
-def meant(
-    channels: Sequence[Channel],
-    needs: Needs,
-    roles: Collection[str] | None = None,
-    *,
-    numbered: bool = False,
-) -> dict[str, list[Found]]:
+def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     """Return our columns -> channels that fit; several for one column are ambiguous.
 
-    With `numbered`, channels whose names differ by a number only count as well.
+    Channels whose names differ by a number only are alike.
     """
-    table, options = needs.table, needs.options
-    columns = [c for c in table.columns if roles is None or c.name in roles]
-    found = {c.name: named for c in columns if (named := _named(c.name, channels, options))}
+    columns, found = needs.table.columns, dict[str, list[Found]]()
+    for column in columns:
+        if named := _named(column.name, channels, needs):
+            found[column.name] = named
     taken = {id(named[0].channel) for named in found.values()}
     free = [c for c in channels if id(c) not in taken]
-    words = {id(c): roles_meant(c.base, table.kind) for c in free}
+    words = {id(c): roles_meant(c.base, needs.table.kind) for c in free}
     for column in columns:
-        if column.name in found or column.name in options.names:
+        if column.name in found or column.name in needs.names:
             continue
         fit = [c for c in free if column.name in words[id(c)]]
-        if column.dtype != "string" and column.name not in options.units:
+        if column.dtype != "string" and column.name not in needs.units:
             fit = [c for c in fit if _can_be(c, column)] or fit
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
-        if numbered and len(fit) == 1 and column.name in sensors_of(table):
+        if len(fit) == 1 and column.name in sensors_of(needs.table):
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
             fit += [c for c in others if _without_number(c) == _without_number(fit[0])]
         if fit:
@@ -236,9 +301,9 @@ def _without_number(channel: Channel) -> str:
     return simplified(without_unit(channel.base)).rstrip("0123456789 ")
 
 
-def _named(role: str, channels: Sequence[Channel], options: ReadOptions) -> list[Found]:
+def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
     """Find the channels that the config names for a column, or that have our name."""
-    name, how = options.names.get(role, role), "config" if role in options.names else "own name"
+    name, how = needs.names.get(role, role), "config" if role in needs.names else "own name"
     named, negated = _called(name, channels), False
     if not named and name.startswith("-"):
         named, negated = _called(name[1:].strip(), channels), True
@@ -256,27 +321,20 @@ def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
     return not lacking(needs.table, [r for r, f in meant(channels, needs).items() if len(f) == 1])
 
 
-def mapped(
-    channels: Sequence[Channel], needs: Needs, place: str, roles: Collection[str] | None = None
-) -> dict[str, Found]:
+def mapped(channels: Sequence[Channel], needs: Needs, place: str) -> dict[str, Found]:
     """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
-    found: dict[str, Found] = {}
-    for role, (match, *others) in meant(channels, needs, roles, numbered=True).items():
-        if others:
-            problem = _ambiguous([match.channel, *(m.channel for m in others)], role, needs)
-            needs.problems.add(f"{place}: {problem}")
-        elif match.is_clock:
-            found[role] = replace(match, stated=True)
-        else:
-            found[role] = with_unit(match, needs, place)
-    return found
+    found = {r: resolved(matches, needs, place) for r, matches in meant(channels, needs).items()}
+    return {role: match for role, match in found.items() if match is not None}
 
 
-def with_unit(match: Found, needs: Needs, place: str) -> Found:
-    """Return a channel with the conversion to our unit; report what is unclear."""
-    column = needs.table.column(match.role)
-    if column.dtype == "string":
-        return match
+def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None:
+    """Return the one channel that fits, with the conversion to our unit; report what is unclear."""
+    match, column = matches[0], needs.table.column(matches[0].role)
+    if len(matches) > 1:
+        needs.problems.add(f"{place}: {_ambiguous(matches, needs)}")
+        return None
+    if column.dtype == "string" or match.is_clock:
+        return replace(match, stated=match.is_clock)
     by = _conversion(column, match, needs)
     if isinstance(by, str):
         needs.problems.add(f"{place}: {by}" if place else by)
@@ -285,8 +343,9 @@ def with_unit(match: Found, needs: Needs, place: str) -> Found:
     return replace(match, by=signed, stated=isinstance(by, Conversion))
 
 
-def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
+def _ambiguous(matches: Sequence[Found], needs: Needs) -> str:
     """Return the message that several channels can be a column."""
+    role, channels = matches[0].role, [match.channel for match in matches]
     names = [c.name for c in channels]
     say = needs.say("columns", role, f'"{names[0]}"')
     text = f"{', '.join(c.shown for c in channels[:8])} can be {role}, say which: {say}"
@@ -301,8 +360,8 @@ def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str | None:
     """Return the conversion of a channel; a text asks what is unclear; None: no unit is stated."""
     channel, unit, ours = found.channel, found.channel.unit, column.unit
-    plain, stated = canonical_unit(unit), needs.options.units.get(column.name)
-    recognised = found.how == "recognised" and channel.name != column.name
+    plain, stated = canonical_unit(unit), needs.units.get(column.name)
+    recognised = found.how == "recognised" and channel.key != column.name
 
     def ask(what: str, *units: str) -> str:
         return f"{found.shown} {what}: state {needs.say('units', column.name, *units)}"
@@ -320,11 +379,11 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
     if setting is not None:
         return setting
     both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
-    ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
+    ending = channel.key.rpartition("_")[2] if channel.key != column.name else ""
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)
         return ask(f"is in {first} by its name and in {second} by its unit", first, second)
-    if scaling := channel.raw.scaling.get(channel.name):
+    if scaling := channel.raw.scaling.get(channel.key):
         what = f"holds whole numbers, but the file states {scaling}, which was not applied"
         return ask(what, "{factor: ..., offset: ...}", ours)
     if plain in ("", "-"):
@@ -357,45 +416,39 @@ def refuse_missing(
 ) -> None:
     """Report the required columns that are missing, sensors first, in one message.
 
-    `elsewhere` lists our columns that are stated elsewhere. If only settings are missing, nothing
-    is reported here: they may still come from outside the file.
+    `elsewhere` lists our columns that are stated elsewhere.
     """
-    table, names = needs.table, needs.options.names
+    table, names = needs.table, needs.names
     has, used = {*found, *elsewhere}, {match.channel.name for match in found.values()}
-    free = [c.name for c in channels if c.name not in used]
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
-    close = {
-        role: match[0]
-        for role in required
-        if (match := difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6))
-    }
-    missing = [
-        role
-        for role in dict.fromkeys(required)
-        if role not in has and role in table.names
-        if role not in schemas.NOMINAL or role in close or role in names
-    ]
+    missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
     if not missing and (found or any(c.required for c in table.columns)):
         return
-    kind, is_whole_one = bench_of(channels)
-    shown = [
-        names.get(role, role)
-        + (f" (which the config names for {role})" if names.get(role, role) != role else "")
-        for role in missing
-    ] or [f"of {table.command}"]
-    verb = "is missing" if len(shown) == 1 else "are missing"
-    text = f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}"
-    if is_whole_one and kind != table.kind:
+    kind, is_whole_one = bench_of(channels, [Needs(schemas.table(kind)) for kind in KINDS])
+    if is_whole_one and kind != needs.kind:
         command = schemas.table(kind).command
-        text = (
+        needs.problems.add(
             f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
         )
-    else:
-        first = next((r for r in missing if r in close), next(iter(missing), "mu"))
-        say = needs.say("columns", first, f'"{close.get(first, "its name in the file")}"')
-        held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
-        text += f"; not yet read: {held}; if it has another name, state it: {say}"
-    needs.problems.add(text)
+        return
+    shown = [
+        f"{names[role]} (which the config names for {role})" if role in names else role
+        for role in missing
+    ] or [f"of {table.command}"]
+    text = f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)}"
+    text += " are missing" if len(shown) > 1 else " is missing"
+    free = [c.name for c in channels if c.name not in used]
+    close = [
+        (role, name)
+        for role in missing
+        for name in difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6)
+    ]
+    if missing and {*missing} <= {*schemas.NOMINAL} and not close:
+        text += how_to_state(missing[0], needs.kind)
+    role, name = next(iter(close), (next(iter(missing), "mu"), "its name in the file"))
+    held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
+    say = needs.say("columns", role, f'"{name}"')
+    needs.problems.add(f"{text}; not yet read: {held}; if it has another name, state it: {say}")
 
 
 def how_to_state(setting: str, kind: str) -> str:
@@ -406,21 +459,18 @@ def how_to_state(setting: str, kind: str) -> str:
     )
 
 
-def bench_of(
-    channels: Sequence[Channel], stated: Mapping[str, ReadOptions] | None = None
-) -> tuple[str, bool]:
+def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:
     """Return the kind of recording that explains most channels, and whether all sensors are there.
 
-    "" if several kinds fit alike. `stated`: what the config says of each kind.
+    "" if several kinds fit alike.
     """
     ranks = {}
-    for kind in KINDS:
-        table = schemas.table(kind)
-        has = {*meant(channels, Needs(table, (stated or {}).get(kind, ReadOptions())))}
-        whole = not lacking(table, has)
-        if kind == "rig":
+    for needs in benches:
+        has = {*meant(channels, needs)}
+        whole = not lacking(needs.table, has)
+        if needs.kind == "rig":
             whole = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
-        ranks[kind] = whole, 0 if whole else len(has)
+        ranks[needs.kind] = whole, 0 if whole else len(has)
     best = max(ranks.values())
     kinds = [kind for kind, rank in ranks.items() if rank == best]
     return (kinds[0], best[0]) if len(kinds) == 1 else ("", False)
@@ -435,7 +485,7 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     if not torque or not (tight or slack or hub or weight):
         return {}
-    named = [match.channel.name for match in has.get("weight_N", ())]
+    named = [match.channel.key for match in has.get("weight_N", ())]
     span = span_of(named[0]) if named and not hub else ""
     kind = {"kind": "torque_hub" if hub else "torque"}
     return kind | ({"holds": f"weight_{span}"} if span else {})

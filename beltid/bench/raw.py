@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from beltid.bench.names import POSITION
 from beltid.bench.numbers import NumberSigns
 from beltid.errors import InputError, Problems
 from beltid.tables.units import T, allowed_units, conversion
@@ -20,8 +20,6 @@ SCALING: Final = {
     "scale_factor": 1.0,
 }
 """Properties that scale the counts of a converter -> the value that has no effect."""
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""Number that distinguishes channels of the same name."""
 TIME: Final = "time_s"
 """Name of the times of samples, if a format has them besides its channels."""
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
@@ -47,7 +45,6 @@ class Raw:
     format: str = ""  # in words
     units: dict[str, str] = field(default_factory=dict)  # written name -> unit, if stated
     fields: tuple[Field, ...] = ()  # entries of the header
-    groups: dict[str, str] = field(default_factory=dict)  # of names, if several are one table
     scaling: dict[str, str] = field(default_factory=dict)  # stated, but not applied
     lines: Sequence[int] | np.ndarray = ()  # of the rows in the file, from 1; empty: none
     header_line: int = 0  # of the names; 0 if there is none
@@ -58,8 +55,8 @@ class Raw:
     problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
     def bare(self) -> Raw:
-        """Return the table with its first rows only."""
-        return replace(self, frame=self.frame.head(200).copy())
+        """Return the table without its rows."""
+        return replace(self, frame=self.frame.head(0).copy())
 
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
@@ -73,45 +70,46 @@ class Raw:
         """Place of the names, for messages."""
         return f"{self.place}:{self.header_line}" if self.header_line else self.place
 
-    @property
-    def units_place(self) -> str:
-        """Place of the units, for messages."""
-        return f"{self.place}:{self.units_line}" if self.units_line else self.head
+
+class Written(NamedTuple):
+    """A channel as a file holds it."""
+
+    name: str
+    values: Any
+    unit: str = ""
+    times: np.ndarray | None = None  # [s]
+    scaling: str = ""  # stated, but not applied
 
 
-class Rasters:
-    """Channels of a group: those with the same times are one table."""
+def tables_of(
+    place: str,
+    name: str,
+    form: str,
+    channels: Iterable[Written],
+    fields: Iterable[Field] = (),
+    notes: Sequence[str] = (),
+) -> list[Raw]:
+    """Return the channels of a group as tables: those with the same times are one.
 
-    def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
-        self.place, self.name, self.form, self.fields = place, name, form, fields
-        self.notes: list[str] = []
-        self.parts: dict[Any, Raw] = {}
-
-    def add(
-        self, name: str, values: Any, unit: str = "", times: Any = None, scaling: str = ""
-    ) -> None:
-        """Add a channel; one that is no list of numbers or texts is left out and noted."""
-        values = np.asarray(values)
+    A channel that is no list of numbers or texts is left out and noted.
+    """
+    parts: dict[Any, Raw] = {}
+    left_out = [*notes]
+    for channel in channels:
+        values, times = np.asarray(channel.values), channel.times
         if values.ndim != 1 or values.dtype.kind not in "biufOSU":
-            self.notes.append(f"channel {name} left out: no plain numbers")
-            return
-        if not values.size:
-            return
-        key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-        if key not in self.parts:
-            frame = pd.DataFrame() if times is None else pd.DataFrame({TIME: times})
-            units = {} if times is None else {TIME: "s"}
-            self.parts[key] = Raw(self.place, frame, self.name, self.form, units)
-        raw = self.parts[key]
-        alike = sum(POSITION.sub("", str(known)) == name for known in raw.frame)
-        name = f"{name} #{alike + 1}" if alike else name
-        raw.frame[name] = column_of(values)
-        raw.units[name], raw.scaling[name] = unit, scaling
-
-    def tables(self) -> Iterator[Raw]:
-        """Yield a table per raster."""
-        for raw in self.parts.values():
-            yield replace(raw, fields=self.fields, notes=tuple(self.notes))
+            left_out.append(f"channel {channel.name} left out: no plain numbers")
+        elif values.size:
+            key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
+            of_time = {} if times is None else {TIME: times}
+            units = dict.fromkeys(of_time, "s")
+            raw = parts.setdefault(key, Raw(place, pd.DataFrame(of_time), name, form, units))
+            alike = sum(POSITION.sub("", str(known)) == channel.name for known in raw.frame)
+            own = f"{channel.name} #{alike + 1}" if alike else channel.name
+            raw.frame[own] = column_of(values)
+            raw.units[own], raw.scaling[own] = channel.unit, channel.scaling
+    said, notes = tuple(fields), tuple(left_out)
+    return [replace(raw, fields=said, notes=notes) for raw in parts.values()]
 
 
 def column_of(values: np.ndarray) -> Any:

@@ -13,16 +13,15 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench import containers, excel, frames, lvm, text, variables
+from beltid.bench import sheets, text, variables, waveforms
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
-from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
 from beltid.bench.runs import Settings, is_timed, joined, settings_in_head, tables_of_runs
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.schemas import Table
 from beltid.tables.values import absent
@@ -30,13 +29,13 @@ from beltid.tables.values import absent
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
 READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
-    "tdms": containers.read_tdms,
-    "mdf": containers.read_mdf,
-    "uff": containers.read_uff,
+    "tdms": waveforms.read_tdms,
+    "mdf": waveforms.read_mdf,
+    "uff": waveforms.read_uff,
     "mat": variables.read_matlab,
     "hdf5": variables.read_hdf5,
-    "excel": excel.read,
-    "parquet": frames.read,
+    "excel": sheets.read_excel,
+    "parquet": variables.read_parquet,
 }
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
 
@@ -96,17 +95,14 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     InputError
         With all errors, each with its line.
     """
-    path, options = Path(path), ReadOptions.of(config, kind)
-    sources = sources_of(path, [options.run_table] if options.run_table else [])
+    path, needs, parts = Path(path), Needs.of(config, kind), list[Part]()
+    sources = sources_of(path, [needs.run_table] if needs.run_table else [])
     if len(sources) == 1 and (simulated := _simulated(path, kind)) is not None:
         return simulated
-    needs, parts = Needs(options.table(kind), options), list[Part]()
     settings: Settings | None = None
     for source in sources:  # one file after the other, so that only one is in memory as written
-        raws = tables_in(source, options.dialect, needs.problems)
-        if settings is None:
-            needs = with_forces(raws, of_plateaus(raws, needs) if kind == "rig" else needs)
-            settings = Settings(needs)
+        raws = tables_in(source, needs)
+        settings = settings or Settings(of_bench(raws, needs))
         parts += parts_of(source.inside, source.name, raws, settings)
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
@@ -120,36 +116,32 @@ def found_in(raws: Sequence[Raw], needs: Needs) -> dict[str, list[Found]]:
     return settings_in_head(fields, needs) | meant(channels_of(raws), needs)
 
 
-def with_forces(raws: Sequence[Raw], needs: Needs) -> Needs:
-    """Return what a recording needs with the forces in its columns, head or values of all runs."""
+def of_bench(raws: Sequence[Raw], needs: Needs) -> Needs:
+    """Return what a recording of the rig needs with the forces that it holds, or its plateaus."""
     if needs.table.kind != "rig":
         return needs
-    found = found_in(raws, Needs(schemas.table("rig"), needs.options))
-    has: dict[str, Sequence[Found]] = {**dict.fromkeys(needs.options.values, ()), **found}
-    rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
+    plateaus = replace(needs, table=schemas.table("points"))
+    has = {**dict.fromkeys(needs.values, ()), **found_in(raws, needs)}
+    timed = any(is_timed(raw, "rig") for raw in raws) or "time_s" in has
+    if not timed and _are_plateaus(meant(channels_of(raws), plateaus)):
+        return plateaus
+    rig, (measures, weight_on) = rig_of(has), needs.measures
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
-    kind = rig.get("kind", measures), weight_on, "belt_speed_m_s" in has
-    options = replace(needs.options, rig=kind, found=rig)
-    return Needs(options.table("rig"), options, needs.problems)
+    kind, running = rig.get("kind", measures), "belt_speed_m_s" in has
+    return replace(needs, table=schemas.rig_table(kind, weight_on, running=running), rig=rig)
 
 
-def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
-    """Return what a table with a row per plateau needs, if the tables of a rig are such tables.
-
-    It has a speed, an arc or a coefficient, no time, and does not repeat its labels.
-    """
-    plateaus = Needs(needs.options.table("points"), needs.options, needs.problems)
-    found = meant(channels_of(raws), plateaus)
+def _are_plateaus(found: Mapping[str, Sequence[Found]]) -> bool:
+    """Return whether a table has a row per plateau: a speed, an arc or mu, no label repeated."""
+    labels = [match.channel.values for match in found.get("run", ())]
+    repeated = any(2 * column.nunique() < len(column) for column in labels)
     has_speed = bool({"pulley_speed_rad_s", "slip_speed_m_s"} & {*found})
-    timed = any(is_timed(raw, "rig") for raw in raws) or "time_s" in meant(channels_of(raws), needs)
-    if timed or not has_speed or not ({"arc_deg", "mu"} & {*found}):
-        return needs
-    labels = [f.channel.raw.frame[f.channel.name] for f in found.get("run", ())]
-    return needs if any(2 * column.nunique() < len(column) for column in labels) else plateaus
+    return has_speed and bool({"arc_deg", "mu"} & {*found}) and not repeated
 
 
-def tables_in(source: Source, dialect: Mapping[str, Any], problems: Problems) -> list[Raw]:
+def tables_in(source: Source, needs: Needs) -> list[Raw]:
     """Read the tables of one file as written, and report what is wrong with it."""
+    dialect, problems = needs.dialect, needs.problems
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -157,7 +149,7 @@ def tables_in(source: Source, dialect: Mapping[str, Any], problems: Problems) ->
             if form == "text":
                 return list(text.read(file, source.name, dialect))
             if form == "lvm":
-                return list(lvm.read(file, source.name, dialect))
+                return list(waveforms.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
             if not any(len(table.frame) for table in tables):
                 raise InputError(f"{source.name}: is empty: it holds no channel with samples")
@@ -179,12 +171,12 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
         return []
     needs, parts = settings.needs, []
     runs, notes = tables_of_runs(raws, needs)
-    for raw in runs:
-        name = raw.name if len(runs) > 1 else ""
+    for tables in runs:
+        name = tables[0].name if len(runs) > 1 else ""
         names: tuple[str, ...] = (inside.name, inside.stem)
         names = (f"{inside.name}/{name}", name, *names) if name else names
-        table = replace(raw, place=f"{place}, {name}" if name else place)
-        part = read_part(table, needs, settings.elsewhere(table))
+        tables = [replace(raw, place=f"{place}, {name}" if name else place) for raw in tables]
+        part = read_part(tables, needs, settings.elsewhere(tables))
         if part is not None:
             parts.append(replace(part, label=name or inside.stem, names=names))
     if parts:
@@ -201,7 +193,7 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     needs.problems.raise_if_any()
     columns, place, notes, stated = joined(_distinct(parts), settings)
     checker = Checker(str(path), columns, needs.table, place, needs.problems)
-    notes += checker.run({*needs.options.units, *stated})
+    notes += checker.run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
     rig = _shown_by(columns, needs)
@@ -210,7 +202,7 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
 
 def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]:
     """Return what the columns of a recording show of the rig."""
-    rig = dict(needs.options.found)
+    rig = dict(needs.rig)
     if needs.table.kind == "points":
         known = (c for c, values in columns.items() if not absent(values).all())
         rig = rig_of(dict.fromkeys(known, ()))
@@ -271,18 +263,18 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
     InputError
         With all errors, each with its row.
     """
-    options = ReadOptions.of(config, kind)
+    needs = Needs.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         # names and units are ours already
-        options = ReadOptions(rig=options.rig)
+        needs = Needs(needs.table, measures=needs.measures)
         frame = frame.columns if isinstance(frame, Recording) else frame
-    table = options.table(kind)
-    raw = frames.frame_of(frame, "frame")
+    raw = variables.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
-    names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
-    options = replace(options, pattern=None, run_table=None, names=names)
-    settings = Settings(with_forces([raw], Needs(table, options)))
+    names = {n: theirs for n, theirs in needs.names.items() if n not in raw.frame}
+    needs = replace(needs, pattern=None, run_table=None, names=names)
+    settings = Settings(of_bench([raw], needs))
     parts = parts_of(PurePath("frame"), "frame", [raw], settings)
+    table = settings.table
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index
     return recording_of(parts, Path("frame"), settings)
@@ -290,7 +282,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
-    raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
+    raw, columns, problems = variables.frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)
         if values is None or column.dtype in ("list", "bool"):

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import text
-from beltid.bench.columns import Part, read_part, together, values_of
-from beltid.bench.header import side_by_side, without_position
+from beltid.bench.columns import Part, read_part, values_of
 from beltid.bench.mapping import (
+    DIALECT,
     Found,
     Needs,
     channels_of,
@@ -23,11 +23,10 @@ from beltid.bench.mapping import (
     how_to_state,
     is_whole,
     meant,
-    with_unit,
+    resolved,
 )
-from beltid.bench.options import DIALECT, ReadOptions
+from beltid.bench.names import roles_meant, side_by_side, without_position
 from beltid.bench.raw import Field, Raw
-from beltid.bench.vocabulary import roles_meant
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS, Column, Table
@@ -41,8 +40,8 @@ PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
 
-def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[Raw], list[str]]:
-    """Return the tables of a file that are runs: those with all sensors, else all are one.
+def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
+    """Return the tables of each run of a file: one with all sensors, else all are of one run.
 
     Tables with the same channels, none of which has all sensors, are runs that lack something.
     """
@@ -52,11 +51,11 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[Raw], list[s
         names, count = Counter(tuple(raw.frame) for raw in raws).most_common(1)[0]
         runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
-            return [together(raws, needs)], []
+            return [raws], []
     if len(runs) == 1 and all(is_timed(raw, needs.table.kind) for raw in raws):
-        return [together(raws, needs)], []
+        return [raws], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
-    return runs, [f"groups left out: {left_out}"] if left_out else []
+    return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
 
 
 def is_timed(raw: Raw, kind: str) -> bool:
@@ -88,56 +87,54 @@ class Settings:
     """
 
     def __init__(self, needs: Needs) -> None:
-        options = self.options = needs.options
         self.needs, self.table = needs, needs.table
-        self.pattern = name_pattern(options.pattern) if options.pattern else None
-        self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
+        self.pattern = name_pattern(needs.pattern) if needs.pattern else None
+        self.rows = read_run_table(needs.run_table, needs.table) if needs.run_table else {}
+        # for all runs, or in the names of files
+        self.stated = {*needs.values, *(self.pattern.names if self.pattern else ())}
 
-    def elsewhere(self, raw: Raw) -> set[str]:
-        """Return our columns that the table of a file need not contain."""
-        roles = {self.table.label, *self._stated, *settings_in_head(raw.fields, self.needs)}
-        return roles | (set(SETTINGS) if self.options.run_table else set())
-
-    @property
-    def _stated(self) -> set[str]:
-        """Settings that the config gives for all runs, or finds in the names of files."""
-        return {*self.options.values, *(self.pattern.names if self.pattern else ())}
+    def elsewhere(self, raws: Sequence[Raw]) -> set[str]:
+        """Return our columns that the tables of a run need not contain."""
+        fields = [entry for raw in raws for entry in raw.fields]
+        roles = {self.table.label, *self.stated, *settings_in_head(fields, self.needs)}
+        return roles | (set(SETTINGS) if self.rows else set())
 
     def of(self, part: Part) -> dict[str, Any]:
         """Return label and settings of a run from outside its columns."""
-        found = self._from_head(part) | dict(self.options.values)
-        needed = [c.name for c in self.table.columns if c.required and c.name in SETTINGS]
-        is_complete = part.found.keys() >= {self.table.label, *needed}
+        needs, found = self.needs, self._from_head(part) | dict(self.needs.values)
+        required = {c.name for c in self.table.columns if c.required and c.name in SETTINGS}
+        is_complete = part.found.keys() >= {self.table.label, *required}
         if self.pattern is not None:
             values = next(filter(None, map(self.pattern.values, part.names)), None)
             found |= self._in_name(values, part.raw.place) if values else {}
             if not values and not is_complete:
-                self.needs.problems.add(
+                needs.problems.add(
                     f"{part.raw.place}: the name does not match runs.{self.table.kind}.pattern = "
-                    f'"{self.options.pattern}"'
+                    f'"{needs.pattern}"'
                 )
         if self.rows:
             name = next((n for n in part.names if n in self.rows), "")
             found |= self.rows[name] if name else {}
             if not name and not is_complete:
-                self.needs.problems.add(f"{self.options.run_table}: has no row for {part.names[0]}")
+                needs.problems.add(f"{needs.run_table}: has no row for {part.names[0]}")
         return {role: value for role, value in found.items() if role in self.table.names}
 
     def _from_head(self, part: Part) -> dict[str, Any]:
         """Take settings from the head: from fields that the config names, or of known names."""
         found: dict[str, Any] = {}
         for role, matches in settings_in_head(part.raw.fields, self.needs).items():
-            if role in part.found or role in self._stated:
+            if role in part.found or role in self.stated:
                 continue
-            silent, recognised = Needs(self.table, self.options), matches[0].how == "recognised"
-            values = {
-                m.channel.name: values_of(with_unit(m, silent, ""), silent)[0] for m in matches
-            }
+            silent, values = replace(self.needs, problems=Problems()), dict[str, Any]()
+            for match in matches:
+                read = resolved([match], silent, "") or match
+                values[match.channel.name] = values_of(read, silent)[0]
             name, value = next(iter(values.items()))
             wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
             if len(set(values.values())) > 1:
                 say = self.needs.say("columns", role, f'"{name}"')
                 wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
+            recognised = matches[0].how == "recognised"
             if not wrong:
                 found[role] = value
                 part.notes.extend([f"read header field {name} as {role}"] if recognised else [])
@@ -167,11 +164,11 @@ class Settings:
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
     """Return our settings -> header fields: of the name in the config, else of known names."""
-    settings = [role for role in SETTINGS if role in needs.table.names]
-    channels = channels_of_head(fields, needs.options.dialect)
+    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
     return {
         role: matches
-        for role, matches in meant(channels, needs, [*settings, needs.table.label]).items()
+        for role, matches in found.items()
+        if role in (*SETTINGS, needs.table.label)
         if matches[0].how == "config" or needs.table.column(role).dtype != "string"
     }
 
@@ -181,9 +178,8 @@ def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
-    needs = Needs(replace(table, columns=optional), ReadOptions())
-    (raw,) = text.read(path, str(path), DIALECT)
-    part = read_part(raw, needs)
+    needs = Needs(replace(table, columns=optional))
+    part = read_part(list(text.read(path, str(path), DIALECT)), needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}

@@ -19,18 +19,11 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
-from beltid.bench.header import (
-    MAX_COLUMNS,
-    SEARCHED,
-    Head,
-    distinct_names,
-    find_head,
-    head_at,
-    is_sample,
-)
+from beltid.bench.files import as_utf8
+from beltid.bench.names import distinct_names
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
-from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
+from beltid.bench.sheets import MAX_COLUMNS, SEARCHED, Head, find_head, head_at, is_sample
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import RECORDINGS, table
 
@@ -137,21 +130,15 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
         head = head_at([*rows[sign][:first], list(names), *rows[sign][first:]], first)
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
-    plain = [sign for sign in rows if sign != " "] or [" "]
-    own = max(plain, key=lambda sign: (len(OURS & {*rows[sign][first]}), len(rows[sign][first])))
-    blank = rows.get(" ", rows[own])
-    if len(rows[own][first]) == 1 < len(blank[first]) == len(blank[second]):
-        own = " "
-    found = [(above, sign) for sign in plain if (above := find_head(rows[sign]))]
-    if not found and " " in rows and (spaced := find_head(blank)):
-        found = [(spaced, " ")] * (len(spaced.names) == len(blank[spaced.first_row]))
-    if len(OURS & {*rows[own][first]}) < 2 and found and not dialect["skip_lines"]:
+    ours = {sign: len(OURS & {*rows[sign][first]}) for sign in rows}
+    own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
+    if ours[own] > 1:
+        return head_at(rows[own], first), own
+    found = [(head, sign) for sign in rows if (head := find_head(rows[sign]))]
+    blank = [(h, s) for h, s in found if s == " " and len(h.names) == len(rows[s][h.first_row])]
+    if found := [(h, s) for h, s in found if s != " "] or blank:
         return max(found, key=lambda pair: len(pair[0].names))
-    if (
-        first != second
-        and not OURS & {*rows[own][first]}
-        and is_sample(rows[own][first], rows[own][second])
-    ):
+    if first != second and not ours[own] and is_sample(rows[own][first], rows[own][second]):
         raise InputError(
             f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names of "
             f"the {len(rows[own][first])} columns, dialect: {{names: [...]}}"
@@ -159,13 +146,17 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
     return head_at(rows[own], first), own
 
 
-def cells_of(line: str, sign: str) -> list[str]:
-    """Split a line into cells without empty ones at its end."""
+def split(line: str, sign: str) -> list[str]:
+    """Split a line into cells."""
     try:
-        cells = line.split() if sign == " " else next(csv.reader([line], delimiter=sign), [])
+        return line.split() if sign == " " else next(csv.reader([line], delimiter=sign), [])
     except csv.Error:
         return [line]
-    cells = [cell.strip() for cell in cells]
+
+
+def cells_of(line: str, sign: str) -> list[str]:
+    """Split a line into cells without empty ones at its end."""
+    cells = [cell.strip() for cell in split(line, sign)]
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -175,15 +166,10 @@ def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column, without remarks (# and few cells)."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
-    if not lines:
-        return []
     full = max(line.count(separator) for line in lines)
     kept = [line for line in lines if line[0] != "#" or line.count(separator) == full]
-    kept = kept or lines
-    rows = [cells_of(line, separator) for line in kept]
-    columns = [*itertools.zip_longest(*rows, fillvalue="")]
-    first = [kept[0].split()] if separator == " " else csv.reader(kept[:1], delimiter=separator)
-    return columns + [("",)] * (len(next(iter(first))) - len(columns))
+    columns = [*itertools.zip_longest(*(cells_of(line, separator) for line in kept), fillvalue="")]
+    return columns + [("",)] * (len(split(kept[0], separator)) - len(columns))
 
 
 def _signs(

@@ -1,4 +1,4 @@
-"""Files of variables: MATLAB 4, 5 and 7.3, HDF5.
+"""Files of variables: MATLAB 4, 5 and 7.3, HDF5, Parquet; and tables in memory.
 
 A vector is a column, a number or text a header field, a struct or group of vectors a table.
 """
@@ -10,10 +10,18 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from pyarrow import types
 
-from beltid.bench.raw import UNITS, Field, Rasters, Raw, unapplied_scaling
+from beltid.bench.numbers import word_of
+from beltid.bench.raw import UNITS, Field, Raw, Written, tables_of, unapplied_scaling
 from beltid.errors import InputError
+from beltid.store.parquet import damaged, open_parquet
 
+LONGEST_TEXT: Final = 1000
+"""Bytes of a text; a file can repeat a long one in every row at no cost."""
 LINK: Final = "is a link, which is not followed"
 
 
@@ -99,7 +107,7 @@ def _plain(value: Any) -> Any:
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     """Yield the tables in variables; InputError if there is none."""
     left_out: list[str] = []
-    tables = list(_rasters("", members, Rasters(place, "", form), left_out))
+    tables = list(_of_structs("", members, place, form, (), left_out))
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -109,23 +117,109 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     yield from tables
 
 
-def _rasters(name: str, members: Variables, above: Rasters, left_out: list[str]) -> Iterator[Raw]:
+def _of_structs(
+    name: str,
+    members: Variables,
+    place: str,
+    form: str,
+    above: tuple[Field, ...],
+    left_out: list[str],
+) -> Iterator[Raw]:
     """Yield the table of a struct, then those of the structs in it."""
-    rasters = Rasters(above.place, name, above.form, above.fields)
+    fields, found = [*above], list[Written]()
     for key, member in members.items():
         if not isinstance(member, Variable):
             continue
         array = np.asarray(member.value)
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
         if array.size == 1 and array.dtype.kind in "biufOSU" and member.value is not None:
-            field = Field(key, str(_plain(array)), member.unit)
-            rasters.fields = (*rasters.fields, field)
+            fields.append(Field(key, str(_plain(array)), member.unit))
         elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
-            rasters.add(key, array, member.unit, scaling=member.scaling)
+            found.append(Written(key, array, member.unit, scaling=member.scaling))
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    rasters.notes = [*left_out]
-    yield from rasters.tables()
+    yield from tables_of(place, name, form, found, fields, left_out)
     for key, member in members.items():
         if not isinstance(member, Variable):
-            yield from _rasters(f"{name}.{key}" if name else key, member, rasters, left_out)
+            inner = f"{name}.{key}" if name else key
+            yield from _of_structs(inner, member, place, form, tuple(fields), left_out)
+
+
+# --- Parquet and tables in memory ----------------------------------------------------------------
+
+
+def read_parquet(path: Path, place: str) -> Iterator[Raw]:
+    """Read a Parquet file."""
+    file = open_parquet(path.read_bytes(), place, InputError)
+    try:
+        table = file.read()
+        table.validate(full=True)
+    except Exception as error:  # a damaged file can raise nearly anything
+        raise InputError(f"{place}: {damaged(error)}") from None
+    yield table_of(table, place)
+
+
+def table_of(table: pa.Table, place: str) -> Raw:
+    """Return an Arrow table as written; a column that is neither numbers nor texts is left out."""
+    columns, units, left_out = {}, {}, []
+    for field, values in zip(table.schema, table.columns, strict=True):
+        kind = values.type
+        if field.name in columns:
+            raise InputError(f"{place}: column {field.name} occurs several times, must be once")
+        units[field.name] = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+        if types.is_duration(kind):
+            nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
+            columns[field.name], units[field.name] = nanoseconds / 1e9, "s"
+        elif types.is_null(kind) or types.is_decimal(kind) or _is_number(kind):
+            columns[field.name] = values.cast(pa.float64(), safe=False).to_numpy()
+        elif (
+            types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType)
+        ):
+            left_out.append(f"column {field.name} holds {kind}, left out")
+        else:  # texts; times and true or false as texts
+            columns[field.name] = _texts(values, f"{place}: column {field.name}")
+    units = {name: unit for name, unit in units.items() if unit}
+    frame = pd.DataFrame(columns, copy=False)
+    return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(types.is_integer(kind) or types.is_floating(kind))
+
+
+def _texts(values: pa.ChunkedArray, place: str) -> Any:
+    """Return a column as texts, none of them long."""
+    for chunk in values.chunks:
+        words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
+        is_text = types.is_string(words.type) or types.is_large_string(words.type)
+        if is_text and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
+            raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
+    return pd.array(values.cast(pa.large_string()), dtype="str")
+
+
+def frame_of(frame: Any, place: str) -> Raw:
+    """Return a DataFrame, pyarrow Table or mapping as written; what is no list is left out."""
+    if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
+        raise InputError(
+            f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
+            "of columns"
+        )
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    columns = {str(name): frame[name] for name in dict.fromkeys(names)}
+    lists = {name: _arrow(values) for name, values in columns.items() if np.ndim(values) == 1}
+    lengths = sorted({len(values) for values in lists.values()})
+    if len(lengths) > 1:
+        raise InputError(f"{place}: the columns have different lengths {lengths}")
+    if lengths in ([], [0]):
+        raise InputError(f"{place}: holds no samples")
+    return table_of(pa.table(lists), place)
+
+
+def _arrow(values: Any) -> Any:
+    """Return a list as an Arrow array, of texts if its values are of several types."""
+    if isinstance(values, (pa.Array, pa.ChunkedArray)):
+        return values
+    try:
+        return pa.array(values, from_pandas=True)
+    except (pa.ArrowException, ValueError, TypeError):
+        return pa.array([word_of(value) for value in values], pa.string())

@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.inspection import Inspection, RunView, inspect_recording, ranges
-from beltid.bench.options import ReadOptions
 from beltid.config import Config, ConfigSource, load_config
 from beltid.config.loading import effective_values
 from beltid.config.model import KINDS
@@ -25,7 +24,7 @@ from beltid.stages.inputs import nominal_settings
 from beltid.store.artifact import plain
 from beltid.store.disk import anyone_s, check_place, write_text
 from beltid.tables import schemas
-from beltid.tables.units import Calibration, canonical_unit
+from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8
@@ -183,11 +182,10 @@ def file_sections(inspection: Inspection, config: Config) -> Sections:
         for role, match in found.items()
         if match.how != "own name"
     ]
-    options = ReadOptions.of(config, kind)
     return {
         "columns": {kind: columns},
-        "units": {kind: _units(inspection, options.units)},
-        "runs": {kind: _runs(inspection, options)},
+        "units": {kind: _units(inspection, config.units[kind])},
+        "runs": {kind: _runs(inspection, config.runs[kind])},
     }
 
 
@@ -198,11 +196,8 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
         c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
     }
     for role, match in inspection.found.items():
-        unit = stated.get(role)
-        if isinstance(unit, Calibration):
-            unit = {"factor": unit.factor, "offset": unit.offset}
-        if unit is not None:
-            lines.append(f"    {role}: {value_text(unit)}")
+        if role in stated:
+            lines.append(f"    {role}: {value_text(stated[role])}")
         elif match.stated and match.channel.unit:
             lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
         ours = columns[role].unit
@@ -213,14 +208,11 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     return lines + comments
 
 
-def _runs(inspection: Inspection, options: ReadOptions) -> list[str]:
+def _runs(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
-    stated = {
-        "pattern": options.pattern,
-        "table": options.run_table and options.run_table.absolute(),
-        "values": dict(options.values),
-    }
-    entries = [f"    {key}: {value_text(value)}" for key, value in stated.items() if value]
+    table = stated["table"] and stated["table"].absolute()
+    keys = {"pattern": stated["pattern"], "table": table, "values": dict(stated["values"])}
+    entries = [f"    {key}: {value_text(value)}" for key, value in keys.items() if value]
     if inspection.pattern:
         how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
         entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltid.bench.names import roles_meant
 from beltid.bench.recording import Recording, read_recording
-from beltid.bench.vocabulary import roles_meant
 from beltid.config import load_config
 from beltid.errors import InputError
 

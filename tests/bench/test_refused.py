@@ -19,7 +19,7 @@ def test_a_million_columns_are_refused(tmp_path):
 
 
 def test_packed_bombs_are_refused_by_a_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("beltid.bench.packed.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("beltid.bench.files.MAX_BYTES", 1 << 20)
     with zipfile.ZipFile(tmp_path / "rig.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("R001.csv", b"0" * (8 << 20))
     (tmp_path / "rig.csv.gz").write_bytes(gzip.compress(b"0" * (8 << 20)))

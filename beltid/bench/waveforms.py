@@ -1,4 +1,4 @@
-"""LabVIEW measurement files (.lvm): segments, each with its own header."""
+"""Files of waveforms: LabVIEW measurements (.lvm), NI TDMS, ASAM MDF, universal files (UFF 58)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,19 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from beltid.bench.files import as_utf8
 from beltid.bench.numbers import NumberSigns, numbers_of
-from beltid.bench.packed import as_utf8
-from beltid.bench.raw import TIME, Field, Rasters, Raw, even_times, in_seconds
+from beltid.bench.raw import (
+    TIME,
+    UNITS,
+    Field,
+    Raw,
+    Written,
+    even_times,
+    in_seconds,
+    tables_of,
+    unapplied_scaling,
+)
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -29,7 +39,122 @@ _START: Final = "\0start"
 Header = dict[str, list[str]]
 
 
-def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+def read_tdms(path: Path, place: str) -> Iterator[Raw]:
+    """Read NI TDMS: a table per group and raster of times, counted from the earliest start."""
+    from nptdms import TdmsFile
+
+    with path.open("rb") as stream:  # a stream: an index file beside it may be outdated
+        file = TdmsFile.read(stream)
+    if file.file_status.incomplete_final_segment:
+        raise InputError(f"{place}: damaged: the last segment is cut off")
+    channels = [c for group in file.groups() for c in group.channels()]
+    starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
+    origin = np.datetime64(min(starts)) if starts else None
+    for group in file.groups():
+        about = {**file.properties, **group.properties}.items()
+        fields = (Field(str(k), str(v)) for k, v in about if not k.startswith(("wf_", "NI_")))
+        found = list[Written]()
+        for channel in group.channels():
+            values, properties = channel[:], channel.properties
+            unit = next((str(properties[p]) for p in UNITS if p in properties), "")
+            if values.dtype.kind == "M":
+                values, unit = np.datetime_as_string(values, unit="us"), ""
+            times = _waveform(properties, len(values), origin, place)
+            scaling = unapplied_scaling(values, properties)
+            found.append(Written(channel.name, values, unit, times, scaling))
+        yield from tables_of(place, group.name, "NI TDMS", found, fields)
+
+
+def _waveform(
+    properties: Mapping[str, Any], n: int, origin: np.datetime64 | None, place: str
+) -> np.ndarray | None:
+    """Return the times of a channel [s]; LabVIEW writes a step of 0 if it is unknown."""
+    step = float(properties.get("wf_increment") or 0.0)
+    if not 0 < step < np.inf or not n:
+        return None
+    unit = str(properties.get("wf_xunit_string", ""))
+    offset = float(properties.get("wf_start_offset", 0.0))
+    step, offset = (in_seconds(t, unit, place) for t in (step, offset))
+    if "wf_start_time" in properties and origin is not None:
+        late = np.datetime64(properties["wf_start_time"]) - origin
+        offset += float(late / np.timedelta64(1, "us")) * 1e-6
+    return even_times(offset, step, n)
+
+
+def read_mdf(path: Path, place: str) -> Iterator[Raw]:
+    """Read ASAM MDF 3 or 4: a table per channel group."""
+    from asammdf import MDF
+
+    with MDF(path, use_display_names=False) as file:
+        groups: list[Any] = file.groups
+        for index, group in enumerate(groups):
+            master = file.masters_db.get(index)
+            unit = "" if master is None else str(group.channels[master].unit or "")
+            name = str(getattr(group.channel_group, "acq_name", "") or "") or f"group {index + 1}"
+            found = list[Written]()
+            for number, channel in enumerate(group.channels):
+                if number != master:
+                    signal = file.get(group=index, index=number)
+                    times = np.asarray(signal.timestamps, float)
+                    if len(times) == len(signal.samples) and len(times):
+                        seconds, own = in_seconds(times, unit, place), str(signal.unit or "")
+                        found.append(Written(channel.name, signal.samples, own, seconds))
+            yield from tables_of(place, name, f"ASAM MDF {file.version}", found)
+
+
+def read_uff(path: Path, place: str) -> Iterator[Raw]:
+    """Read a universal file: its time records in datasets 58, as text or binary."""
+    import pyuff
+
+    _refuse_uff(path.read_bytes(), place)
+    file = pyuff.UFF(str(path))
+    found, fields, left_out = list[Written](), list[Field](), list[str]()
+    for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
+        record = file.read_sets(number) if kind == 58 else {}
+        is_time = record.get("abscissa_spec_data_type") == 17
+        if is_time and not np.iscomplexobj(record["data"]):
+            said = {k: str(v).strip() for k, v in record.items() if isinstance(v, str)}
+            said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
+            found.append(_record(record, said, place))
+            fields += [
+                Field(f"ID line {i}", said[f"id{i}"]) for i in range(2, 6) if f"id{i}" in said
+            ]
+        else:
+            left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
+    if not found:
+        raise InputError(f"{place}: no dataset 58 holds real numbers over time")
+    yield from tables_of(place, "", "universal file (UFF 58)", found, fields, left_out)
+
+
+def _refuse_uff(data: bytes, place: str) -> None:
+    """Refuse what the library would read wrong: files that are cut off, numbers of no IEEE form."""
+    if not data.rstrip().endswith(b"-1"):
+        raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
+    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
+        if not re.match(rb"\s*[12]\s+2\b", head):
+            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
+
+
+def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
+    """Return the time record of a dataset 58, and what its texts say."""
+    n, stated = len(record["data"]), int(record["num_pts"])
+    if n != stated:
+        raise InputError(
+            f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
+            "and spaced unevenly, export them as text"
+        )
+    times = np.asarray(record["x"], dtype=float)
+    if record["abscissa_spacing"]:
+        times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+    name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
+    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
+    return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
+
+
+# --- LabVIEW measurements ------------------------------------------------------------------------
+
+
+def read_lvm(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
     data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect["encoding"])
     text = data.decode()
@@ -98,7 +223,7 @@ def _segment(
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
-    rasters = Rasters(place, "", "LabVIEW measurement (.lvm)", (*fields, *_start(header)))
+    found = list[Written]()
     for k, (x, y) in enumerate(pairs):
         stated = _cell(header, "Samples", k)
         if stated.isdecimal() and int(stated) > len(rows):
@@ -110,10 +235,12 @@ def _segment(
         length = int(filled[-1]) + 1 if filled.size else 0
         written = None if kind == "no" else columns[x][:length]
         times = _time(written, header, k, length, f"{place}, line {at + 1}") if length else None
-        rasters.add(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
+        unit = _cell(header, "Y_Unit_Label", k)
+        found.append(Written(names[y], columns[y][:length], unit, times))
+    form = "LabVIEW measurement (.lvm)"
     return [
         replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
-        for raw in rasters.tables()
+        for raw in tables_of(place, "", form, found, [*fields, *_start(header)])
     ]
 
 
