@@ -110,7 +110,7 @@ def _print(summary: Summary, common: Common) -> None:
         text = json.dumps(summary.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
         print(text, flush=True)
         return
-    from beltid.report.terminal import show
+    from beltid.report.summary import show
 
     show(summary, console_for("stdout"), complete=common.verbose)
     sys.stdout.flush()

@@ -19,7 +19,7 @@ from beltid.drive.tolerance import installed_belts
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.notes import log
-from beltid.report.conditions import series_of
+from beltid.report.results import series_of
 from beltid.stage import Outcome
 from beltid.stages.columns import span
 from beltid.stages.drive_of_config import (

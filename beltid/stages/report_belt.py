@@ -15,8 +15,7 @@ from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
 from beltid.params import OperatingPoint
-from beltid.report.html import rendered
-from beltid.report.page import Page, belt_page, belts_page
+from beltid.report.page import Page, belt_page, belts_page, rendered
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
