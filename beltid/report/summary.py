@@ -111,8 +111,7 @@ def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
     import pandas as pd
 
     frame = pd.DataFrame({name: values for name, values in columns.items() if values.ndim == 1})
-    texts = [name for name in frame if columns[name].dtype == object]
-    frame[texts] = frame[texts].replace(r"^(?=[=+@-])", "'", regex=True)
+    frame = frame.replace(r"^(?=[=+@-])", "'", regex=True)
     if origin is not None:
         frame["origin"] = origin
     return frame.to_csv(index=False, lineterminator="\n").encode()

@@ -215,7 +215,7 @@ def _trust(results: BeltResults) -> Iterator[str]:
         )
 
 
-def _forces(values: Sequence[float]) -> str:
+def _forces(values: Sequence[float] | np.ndarray) -> str:
     """Format a range of forces per length with four digits, never as a power of ten."""
     ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
     return f"{between(*ends)} N/m"

@@ -116,7 +116,7 @@ def _row(results: BeltResults) -> dict[str, Any]:
     for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
         sheet = results.get(name)
         row[f"{prefix}rms_percent"] = sheet.overall.get("rms_percent") if sheet else None
-        row[f"{prefix}within_tolerance"] = sheet.passed if sheet else None
+        row[f"{prefix}within_tolerance"] = bool(sheet.record.passed) if sheet else None
     return row
 
 
