@@ -116,4 +116,4 @@ def part_of_rig() -> PartOfRig:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of a page stay empty: for tests of what is around them, and written when."""
-    monkeypatch.setattr("beltid.report.html.inline_svg", lambda figure, key: "")
+    monkeypatch.setattr("beltid.report.page.inline_svg", lambda figure, key: "")

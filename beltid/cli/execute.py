@@ -110,7 +110,7 @@ def _print(made: Summary | str, common: Common) -> None:
     elif common.json:
         print(json.dumps(made.as_json(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
-        from beltid.report.terminal import show
+        from beltid.report.summary import show
 
         show(made, console(), complete=common.verbose)
 

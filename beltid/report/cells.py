@@ -1,9 +1,10 @@
-"""Names and values of results in words, units and sensible digits."""
+"""Names and values of results in words, units and sensible digits; rows of them as a table."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 # endings of public names -> unit as printed, longest first
@@ -84,16 +85,16 @@ def cell(name: str, value: Any) -> str:
     """Format a value with the digits suited to its quantity; ``-`` if missing."""
     if hasattr(value, "item"):
         value = value.item()
-    if value is None:
+    if value is None or value != value:
         return MISSING
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return _number(name, value)
     if isinstance(value, (list, tuple)):
-        if len(value) == 2 and any(word in name for word in RANGES):
-            return between(*(cell(name, item) for item in value))
-        return ", ".join(cell(name, item) for item in value)
+        cells = [cell(name, item) for item in value]
+        is_range = len(cells) == 2 and any(word in name for word in RANGES)
+        return between(*cells) if is_range else ", ".join(cells)
     return str(value)
 
 
@@ -103,10 +104,30 @@ def fact(name: str, value: Any) -> tuple[str, str]:
     return words, f"{text} {unit}" if unit and text != MISSING else text
 
 
-def are_numbers(cells: Iterable[str]) -> bool:
-    """Return whether all cells of a column that are not missing are numbers or ranges of them."""
-    ends = [text.lstrip("-")[:1] + text[-1:] for text in cells if text != MISSING]
-    return all(len(both) == 2 and both.isdigit() for both in ends)
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A formatted table; `numeric` tells which columns contain numbers, or ranges of them."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: Sequence[bool]
+
+
+def table(title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = ()) -> Table | None:
+    """Build a table from named columns of rows, by default of all; None without rows."""
+    chosen = names or list(dict.fromkeys(name for row in rows for name in row))
+    cells = [[cell(name, row.get(name)) for name in chosen] for row in rows]
+    ends = [
+        [text.lstrip("-")[:1] + text[-1:] for text in column] for column in zip(*cells, strict=True)
+    ]
+    numeric = [all(both.isdigit() or both == MISSING for both in column) for column in ends]
+    return Table(title, [heading(name) for name in chosen], cells, numeric) if rows else None
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a cell is a number, a range of numbers, or missing."""
+    return text == MISSING or f"{text.lstrip('-')[:1]}{text[-1:]}".isdigit()
 
 
 def between(low: str, high: str) -> str:
@@ -133,8 +154,6 @@ def scientific(value: float, digits: int = 4) -> str:
 
 
 def _number(name: str, value: float) -> str:
-    if math.isnan(value):
-        return MISSING
     # uncertainties are themselves uncertain: two digits
     if "_se_" in f"{name}_" or "_u_" in f"{name}_" or name in MAGNITUDES:
         return f"{value:.2g}"

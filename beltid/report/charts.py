@@ -1,7 +1,9 @@
 """Charts of results: a registered function each, shared by the page and by ``beltid show``.
 
 A chart names the artifacts that it draws, draws into axes and returns its caption. Figures are
-drawn without pyplot: no state, no display, the same bytes for the same data.
+drawn without pyplot: no state, no display, the same bytes for the same data. Colours are those of
+Okabe and Ito for a few groups and cividis for an ordered quantity; groups also differ in marker or
+line, so that grey print tells them apart.
 """
 
 from __future__ import annotations
@@ -10,12 +12,12 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.report import style
 from beltid.report.cells import axis, quantity
 from beltid.report.results import LABELS, BeltResults, Sheet
 
@@ -45,6 +47,65 @@ LONGEST_NAME: Final = 48
 """Characters per line of a legend entry."""
 RESOLUTION: Final = 150
 """Of a PNG, dots per inch."""
+INK: Final = "#1a1a1a"
+FAINT: Final = "#767676"
+GRID: Final = "#dddddd"
+MEASURED: Final = "#0072b2"
+SIMULATED: Final = "#d55e00"
+GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000", "#e69f00")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
+LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+ORDERED: Final = "cividis"
+SETTINGS: Final[Any] = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 10.0,
+    "axes.titlesize": 10.0,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.useoffset": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 4.5,
+    "figure.constrained_layout.use": True,
+    "text.parse_math": False,  # names are no formulas
+    "svg.fonttype": "path",
+    "svg.hashsalt": "beltid",
+    "pdf.fonttype": 42,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw and save in this style, independent of the user's matplotlib settings."""
+    import matplotlib as mpl
+
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(SETTINGS)
+        yield
+
+
+def group(index: int, **other: Any) -> dict[str, Any]:
+    """Return colour, marker and line of a group; colour and marker are unique up to 49 groups."""
+    return {
+        "color": GROUPS[index % len(GROUPS)],
+        "marker": MARKERS[(index + index // len(GROUPS)) % len(MARKERS)],
+        "ls": LINES[index % len(LINES)],
+    } | other
+
+
+def shades(count: int) -> list[np.ndarray]:
+    """Return the colours of an ordered quantity with `count` values, dark for the lowest."""
+    import matplotlib as mpl
+
+    return list(mpl.colormaps[ORDERED](0.74 * np.linspace(0.0, 1.0, count)))
 
 
 class NotDrawn(Exception):
@@ -74,19 +135,19 @@ class Chart:
     once: bool = False
     whole: bool = False
 
-    def picture(self, *data: Any, name: str = "") -> Picture:
+    def picture(self, *data: Any, name: str = "") -> Picture | str:
         """Draw the chart of some data, by default of an artifact and the results of its belt.
 
-        Raises
-        ------
-        NotDrawn
-            If the data do not support it.
+        Data that do not support it give the reason, as a text.
         """
         from matplotlib.figure import Figure
 
-        with style.applied():
+        with styled():
             fig = Figure(figsize=(WIDTH, HEIGHT))
-            said = self.draw(fig if self.whole else fig.subplots(), *data)
+            try:
+                said = self.draw(fig if self.whole else fig.subplots(), *data)
+            except NotDrawn as why:
+                return self._not_drawn(name, str(why))
             title, caption = said if isinstance(said, tuple) else (self.titled(name), said)
             for each in fig.axes:
                 if each.get_xlabel() in (LINE_FORCE, SPEED):
@@ -95,17 +156,17 @@ class Chart:
         key = self.key.format(name=name).rpartition(":")[2]
         return Picture(key, title, caption, fig, self.paper)
 
-    def pictures(self, results: BeltResults) -> Iterator[Picture | str]:
-        """Draw the chart of every artifact that it is for; yield in its place why it is not."""
+    def pictures(self, results: BeltResults) -> list[Picture | str]:
+        """Draw the chart of every artifact that it is for, or say why not."""
         present = [sheet for name in self.names if (sheet := results.get(name))]
-        of_paper = f", {self.paper} of the paper" if self.paper else ""
         if not present:
-            yield f"{self.titled(self.names[0])}{of_paper}: there is no {self.names[0]}.parquet"
-        for sheet in present[:1] if self.once else present:
-            try:
-                yield self.picture(sheet, results, name=sheet.name)
-            except NotDrawn as why:
-                yield f"{self.titled(sheet.name)}{of_paper}: {why}"
+            return [self._not_drawn(self.names[0], f"there is no {self.names[0]}.parquet")]
+        chosen = present[:1] if self.once else present
+        return [self.picture(sheet, results, name=sheet.name) for sheet in chosen]
+
+    def _not_drawn(self, name: str, why: str) -> str:
+        of_paper = f", {self.paper} of the paper" if self.paper else ""
+        return f"{self.titled(name)}{of_paper}: {why}"
 
     def titled(self, name: str) -> str:
         """Return the title of the chart of an artifact."""
@@ -174,16 +235,15 @@ def draw(
 
     Twice the column `err` is drawn as bars, twice the column `band` as a band where it is known.
     """
-    over, up = quantity(x)[2] * data[x][rows], quantity(y)[2] * data[y][rows]
-    order = np.argsort(over, kind="stable")
-    over, up = over[order], up[order]
+    places = np.arange(len(data[x]))[rows]
+    places = places[np.argsort(data[x][places], kind="stable")]
+    over, up = quantity(x)[2] * data[x][places], quantity(y)[2] * data[y][places]
+    wide = 2.0 * quantity(y)[2] * data[err or band][places] if err or band else np.zeros(1)
     if err:
-        error = 2.0 * quantity(y)[2] * np.nan_to_num(data[err][rows][order])
-        axes.errorbar(over, up, error, **look)
+        axes.errorbar(over, up, np.nan_to_num(wide), **look)
     else:
         axes.plot(over, up, **look)
-    if band and np.isfinite(data[band][rows]).all():
-        wide = 2.0 * quantity(y)[2] * data[band][rows][order]
+    if band and np.isfinite(wide).all():
         axes.fill_between(over, up - wide, up + wide, color=look["color"], alpha=0.2, lw=0)
     axes.set(xlabel=axis(x), ylabel=axis(y))
 
@@ -214,7 +274,7 @@ def legend_below(fig: Figure) -> None:
         hidden = len(handles) - MOST_NAMED + 1
         handles = dict(list(handles.items())[: MOST_NAMED - 1])
         handles[f"and {hidden} more"] = Line2D([], [], linestyle="none")
-    names = [broken(name, LONGEST_NAME) for name in handles]
+    names = [textwrap.fill(name, LONGEST_NAME) for name in handles]
     for ncols in (3, 2, 1) if handles else ():
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
         extent = legend.get_window_extent()
@@ -225,15 +285,10 @@ def legend_below(fig: Figure) -> None:
         legend.remove()
 
 
-def broken(name: str, longest: int) -> str:
-    """Wrap a name into lines of at most `longest` characters."""
-    return "\n".join(textwrap.wrap(name, longest)) or name
-
-
 def saved(fig: Figure, kind: str) -> bytes:
     """Save a figure as "svg", "png" or "pdf"; the same figure gives the same bytes."""
     buffer = io.BytesIO()
-    with style.applied():
+    with styled():
         _arrange(fig)
         fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
     return buffer.getvalue()
@@ -256,20 +311,19 @@ def inline_svg(fig: Figure, key: str) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.StringIO()
-    with style.applied():
+    with styled():
         mpl.rcParams["svg.fonttype"] = "none"
         _arrange(fig)
         # not savefig, which draws twice
         FigureCanvasSVG(fig).print_svg(buffer, metadata=NO_DATES["svg"])
-    text = buffer.getvalue()
-    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", buffer.getvalue(), flags=re.S)
     # round coordinates to an invisible hundredth of a point
     coordinates = re.compile(r'\b(d|x|y|points)="[^"]*"')
     text = coordinates.sub(lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", text)
     head, rest = text[text.index("<svg") :].split(">", 1)
-    (view,) = re.findall(r'viewBox="([^"]+)"', head)
+    (view,) = re.findall(r'viewBox="[^"]+"', head)
     return (
-        f'<svg viewBox="{view}" xmlns="http://www.w3.org/2000/svg" '
+        f'<svg {view} xmlns="http://www.w3.org/2000/svg" '
         f'xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true" focusable="false">{rest}'
     )

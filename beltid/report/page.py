@@ -1,42 +1,61 @@
-"""The pages as data: the report of one belt, and several belts side by side."""
+"""The pages: the report of one belt, and several belts side by side; each one file of HTML."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.report import figures, tables  # noqa: F401  (figures registers the charts)
-from beltid.report.charts import CHARTS, NotDrawn, Picture
-from beltid.report.conditions import conditions
+from beltid._version import __version__
+from beltid.errors import printable
+from beltid.report import figures  # noqa: F401  (registers the charts)
+from beltid.report.cells import Table, sentence, table
+from beltid.report.charts import CHARTS, Picture, inline_svg
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
-from beltid.report.tables import Table, Tile
-from beltid.report.verdict import Verdict, verdict_of
+from beltid.report.verdict import Verdict, conditions, verdict_of
+from beltid.report.view import chosen, grid, summary_of, with_pooled
 
-Tabulate = Callable[[BeltResults], Table | None]
+GENERATOR: Final = "beltid"
+TEMPLATES: Final = Path(__file__).parent / "templates"
+MOST_NOTES: Final = 10
+"""Number of notes of a section that are shown; the others are folded."""
+SYMBOLS: Final = {
+    "mu": "µ",
+    "k linear": "k₁",
+    "k quadratic": "k₂",
+    "slip speed": "sliding speed v",
+    "se": "standard error",
+    "u": "uncertainty",
+}
+"""Words of a heading -> what the page calls them."""
+SHORT_HASH: Final = 12
+# names of the runs on the two sides of a comparison
+MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
     """A part of the page: what it shall show, and, once it is filled, what it shows.
 
-    `charts`, `tabulates` and `notes_of` name its charts, the functions that make its tables, and
-    the artifacts whose notes it has; `absent` are charts that were not drawn, and why; `links` are
-    addresses and texts. What is `folded` is left out on paper.
+    `charts`, `tabulates` and `notes_of` name its charts, its tables (artifact and further table, ""
+    for its columns), and the artifacts whose notes it has; `absent` are charts that were not drawn,
+    and why; `links` are addresses and texts. What is `folded` is left out on paper.
     """
 
     key: str
     title: str
     lead: str = ""
     charts: tuple[str, ...] = ()
-    tabulates: tuple[Tabulate, ...] = ()
+    tabulates: tuple[tuple[str, str], ...] = ()
     notes_of: tuple[str, ...] = ()
     folded: bool = False
     pictures: Sequence[Picture] = ()
     absent: Sequence[str] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[Table | None] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
     tiles: Sequence[Tile] = ()
@@ -55,11 +74,6 @@ class Page:
     made_from: str = ""
 
 
-def _of(tabulate: Callable[[Sheet], Table | None], *names: str) -> Tabulate:
-    """Return what tabulates the first artifact of some."""
-    return lambda results: tabulate(sheet) if (sheet := results.first(*names)) else None
-
-
 SECTIONS: Final = (
     Section(
         "surface",
@@ -73,7 +87,7 @@ SECTIONS: Final = (
         "The normal contact law",
         "Force per length of belt over penetration, Eq. (3).",
         ("press-law",),
-        (_of(tables.stiffness, "stiffness"),),
+        (("stiffness", "temperatures"),),
     ),
     Section(
         "proof",
@@ -81,7 +95,7 @@ SECTIONS: Final = (
         "Every run repeated on a simulated copy of the rig; both recordings go through the same "
         "reduction. What was left out comes first.",
         ("averaged:{name}",),
-        tuple(_of(tables.agreement, name) for name in (HELD_OUT, *COMPARED)),
+        tuple((name, "groups") for name in (HELD_OUT, *COMPARED)),
     ),
     Section("trust", "How far to trust it"),
     Section(
@@ -96,9 +110,9 @@ SECTIONS: Final = (
         "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
         ("friction", "run", "arc", "simulated:{name}"),
         (
-            _of(tables.of_artifact, "friction"),
-            *(_of(tables.nodes, name) for name in SURFACES),
-            _of(tables.effects, *SURFACES),
+            ("friction", ""),
+            *((name, "nodes") for name in SURFACES),
+            *((name, "effects") for name in SURFACES),
         ),
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
         folded=True,
@@ -127,7 +141,7 @@ SECTIONS: Final = (
         "Forces of the drive",
         "",
         ("along-arcs",),
-        (_of(tables.of_artifact, "drive"),),
+        (("drive", ""),),
         ("drive", "compare_drive"),
         folded=True,
     ),
@@ -137,20 +151,34 @@ SECTIONS: Final = (
         "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
         "config, section uncertainty.",
         ("budget-{name}",),
-        (tables.budget,),
+        tuple((name, "budget") for name in ("stiffness", "friction", *SURFACES, "drive")),
         folded=True,
     ),
-    Section("set-aside", "Set aside, and why", tabulates=(tables.set_aside,), folded=True),
+    Section("set-aside", "Set aside, and why", folded=True),
     Section(
         "provenance",
         "Provenance",
         "The same inputs, settings and sources give the same files, byte for byte.",
-        tabulates=(tables.provenance,),
         folded=True,
     ),
 )
 OF_DRIVE: Final = ("drive", "forces")
 """Sections that a belt without a drive does not have."""
+STIFFNESS: Final = (
+    "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
+    "hysteresis_ratio max_force_N_m n_samples"
+)
+FURTHER: Final = {
+    "groups": "Simulated less measured µ, {}",
+    "effects": "Effects besides force and speed, in percent of µ, and what force and speed explain",
+    "budget": "Budget of the uncertainties, {}",
+}
+"""Further table -> its title on the page, with the name of what it is of."""
+BELTS: Final = (
+    "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
+    "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
+)
+"""Columns of the table of belts."""
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
@@ -164,17 +192,19 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         Hash of all inputs of the page.
     """
     verdict = verdict_of(results)
-    sections = [_filled(section, results) for section in SECTIONS]
-    own = {
-        "trust": verdict.trust,
-        "provenance": [f"Missing, damaged or not shown: {line}" for line in results.problems],
+    missing = [f"Missing, damaged or not shown: {line}" for line in results.problems]
+    own: dict[str, dict[str, Any]] = {
+        "trust": {"notes": verdict.trust},
+        "friction": {"tiles": list(tiles(results))},
+        "set-aside": {"tables": [set_aside(results)]},
+        "provenance": {"tables": [provenance(results)], "notes": missing},
     }
     return Page(
         kind="Contact parameters between a V-ribbed belt and a pulley",
         title=f"Belt {results.belt}",
         sections=[
-            replace(section, notes=own.get(section.key, section.notes))
-            for section in sections
+            replace(_filled(section, results), **own.get(section.key, {}))
+            for section in SECTIONS
             if section.key not in OF_DRIVE or results.get("drive")
         ],
         verdict=verdict,
@@ -186,13 +216,13 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
 
 def _filled(section: Section, results: BeltResults) -> Section:
     drawn = [drawn for key in section.charts for drawn in CHARTS[key].pictures(results)]
+    sheets = results.sheets
     return replace(
         section,
         pictures=[picture for picture in drawn if isinstance(picture, Picture)],
         absent=[why for why in drawn if isinstance(why, str)],
-        tables=[shown for tabulate in section.tabulates if (shown := tabulate(results))],
-        notes=_notes([sheet for name in section.notes_of if (sheet := results.get(name))]),
-        tiles=list(tables.tiles(results)) if section.key == "friction" else (),
+        tables=[tabulated(sheets[of], name) for of, name in section.tabulates if of in sheets],
+        notes=_notes([sheets[name] for name in section.notes_of if name in sheets]),
     )
 
 
@@ -210,16 +240,8 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     for line, of in lines.items():
         kin = [sheet for sheet in sheets if sheet.kind == of[0].kind]
         alone = of[0].name in LABELS and len(of) < len(kin)
-        notes.append(f"{LABELS[of[0].name]} surface: {line}" if alone else line)
+        notes.append(f"{of[0].label}: {line}" if alone else line)
     return sorted(dict.fromkeys(notes), key=lambda line: "Warning: " not in line)
-
-
-AGREEMENT: Final = {
-    "compare": "published_rms_percent",
-    "compare_refined": "refined_rms_percent",
-    HELD_OUT: "predicted_rms_percent",
-}
-"""Comparison -> column of the table of belts."""
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
@@ -234,21 +256,15 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
     made_from : str
         Hash of all inputs of the page.
     """
-    pictures, absent = [], []
-    for key in ("belts-force", "belts-speed", "belts-law"):
-        try:
-            pictures.append(CHARTS[key].picture(belts))
-        except NotDrawn as why:
-            absent.append(f"{CHARTS[key].title}: {why}")
-    results = tables.table("Results", [_row(belt) for belt in belts])
+    drawn = [CHARTS[key].picture(belts) for key in ("belts-force", "belts-speed", "belts-law")]
     section = Section(
         "belts",
         "The belts",
         "Identified parameters of each belt, and the difference between the rig simulated with "
         "them and the bench.",
-        pictures=pictures,
-        absent=absent,
-        tables=[results] if results else (),
+        pictures=[picture for picture in drawn if isinstance(picture, Picture)],
+        absent=[why for why in drawn if isinstance(why, str)],
+        tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
         notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
         links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
@@ -263,19 +279,151 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
 
 def _row(belt: BeltResults) -> dict[str, Any]:
     """Summarize a belt in one row."""
-    stiffness, friction, best = belt.get("stiffness"), belt.get("friction"), belt.best_surface
     row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
-    for name in ("k_linear_N_m2", "k_quadratic_N_m3"):
-        row[name] = float(stiffness[name][stiffness.pooled_row]) if stiffness else None
-    row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok")) if friction else None
-    row |= dict.fromkeys(("mu_range", "measured_force_N_m", "valid_force_N_m", "mu_u_percent"))
-    if best is not None:
+    if stiffness := belt.get("stiffness"):
+        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
+    if friction := belt.get("friction"):
+        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
+    if best := belt.best_surface:
         nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
         row["mu_range"] = [float(mu.min()), float(mu.max())]
         row["measured_force_N_m"] = best.measured_force
         row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
         row["mu_u_percent"] = best.combined_percent
-    for name, key in AGREEMENT.items():
-        sheet = belt.get(name)
-        row[key] = f"{'PASS' if sheet.passed else 'FAIL'} {sheet.rms_percent}" if sheet else None
+    for name, of in ((HELD_OUT, "predicted"), *((name, LABELS[name]) for name in COMPARED)):
+        if sheet := belt.get(name):
+            judged = "PASS" if sheet.record.passed else "FAIL"
+            row[f"{of}_rms_percent"] = f"{judged} {sheet.rms_percent}"
     return row
+
+
+def tabulated(sheet: Sheet, name: str) -> Table | None:
+    """Tabulate an artifact: its columns, its nodes, the laws of a press, or a further table."""
+    shown = summary_of(sheet)
+    if not name:
+        return table(sentence(shown.title), shown.table, shown.shown)
+    if name == "temperatures":
+        title = "The normal law at each temperature"
+        return table(title, with_pooled(shown.table), STIFFNESS.split())
+    if name == "nodes":
+        title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
+        return table(title, grid(sheet, errors=True))
+    of = sheet.label if sheet.name in (*LABELS, HELD_OUT) else sheet.name
+    return table(FURTHER[name].format(of), chosen(sheet.rows(name), name))
+
+
+def set_aside(results: BeltResults) -> Table | None:
+    """List everything that was set aside once, with the reason; no run that nobody measured."""
+    rows: dict[str, dict[str, str]] = {}
+    for name, sheet in results.sheets.items():
+        for item in sheet.record.set_aside:
+            what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
+            if not what.startswith(SIMULATED_RUN):
+                what = what.replace(MEASURED_RUN, "run ", 1)
+                key = f"{name} {what}" if sheet.kind == "simulated" else what
+                rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
+    return table("Set aside", list(rows.values()))
+
+
+def provenance(results: BeltResults) -> Table | None:
+    """Tabulate each artifact's hashes of file, config, inputs and sources, and its version."""
+    rows = []
+    for sheet in results.sheets.values():
+        made = sheet.record
+        inputs = [f"{role} {sha[:SHORT_HASH]}" for role, sha in sorted(made.inputs.items())]
+        rows.append(
+            {
+                "artifact": f"{sheet.name}.parquet",
+                "file": sheet.sha256[:SHORT_HASH],
+                "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
+                "inputs": ", ".join(inputs),
+                "beltid": made.software,
+                "sources": made.sources[:SHORT_HASH],
+            }
+        )
+    return table("Made from (first digits of the SHA-256)", rows)
+
+
+WIDTH, HEIGHT = 200.0, 80.0
+MOST_SHOWN: Final = 99.5
+"""Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Small picture of a run over time: its curve as an SVG path, in `WIDTH` x `HEIGHT`.
+
+    `why` is the reason why the run was set aside, `level` the height of the sliding coefficient.
+    """
+
+    key: str
+    title: str
+    why: str
+    path: str
+    level: float
+
+
+def tiles(results: BeltResults) -> Iterator[Tile]:
+    """Draw every run with a stored curve, in the order of the friction table, at one mu scale."""
+    friction, curves = results.get("friction"), results.get("rig_curves")
+    if friction is None or curves is None:
+        return
+    highest = float(np.nanpercentile(curves["mu"], MOST_SHOWN))
+    of_curve = curves["run"].astype(str)
+    for row, run in enumerate(friction["run"].astype(str).tolist()):
+        rows = np.flatnonzero(of_curve == run)
+        rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
+        if not rows.size:
+            continue
+        time = curves["time_s"][rows] - curves["time_s"][rows[0]]
+        settings = (
+            (float(friction["arc_deg"][row]), "°"),
+            (float(friction["nominal_tension_N"][row]), " N"),
+            (1e3 * float(friction["slip_speed_m_s"][row]), " mm/s"),
+            (float(time[-1]), " s"),
+        )
+        known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
+        status = str(friction["status"][row])
+        why = "" if status == "ok" else status
+        heights = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
+        level = HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest)
+        path = _path(WIDTH * time / max(time[-1], 1e-9), heights)
+        yield Tile(f"tile-{row}", f"{run}: {known}", why, path, level)
+
+
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """Write a curve as an SVG path, with gaps where it is missing."""
+    known = np.isfinite(y)
+    pens = np.where(np.append(False, known[:-1]), "L", "M")
+    points = zip(pens[known], x[known], y[known], strict=True)
+    return "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points)
+
+
+def rendered(page: Page) -> str:
+    """Render the page as HTML; unprintable characters in texts from files are escaped.
+
+    It needs no network and has no scripts; the same page gives the same bytes.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    def shown(value: Any) -> Any:
+        return printable(value) if type(value) is str else value  # Markup is this program's
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        finalize=shown,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
+    environment.filters |= {
+        "sentence": sentence,
+        "symbols": lambda head: words.sub(lambda found: SYMBOLS[found[0]], head),
+        "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
+    }
+    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
+    about = {"generator": GENERATOR, "version": __version__, "most_notes": MOST_NOTES}
+    return environment.get_template("page.html.j2").render(page=page, css=css, **about) + "\n"

@@ -1,4 +1,4 @@
-"""Results of one belt as the report reads them: artifacts, and what they say about themselves."""
+"""Results of one belt as the report reads them: artifacts, and the settings of their runs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.identify.estimators import settings_of as numbered_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
 from beltid.store.artifact import Artifact, combined_origin
 
-Columns = Mapping[str, np.ndarray]
-Rows = Sequence[Mapping[str, Any]]
 HELD_OUT: Final = "crossvalidation"
 """Comparison with runs that were left out and predicted."""
 SURFACES: Final = ("surface_refined", "surface")
@@ -30,6 +30,10 @@ LABELS: Final = {
 """Artifact -> the surface that it is, or was simulated with; the refined one first."""
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 """Label of the setting that was left out."""
+SAME: Final = 0.03
+"""Relative distance within which two values count as one setting."""
+UNKNOWN_TENSION: Final = -1.0
+"""Placeholder for an unknown tension [N]."""
 
 
 class Sheet(Artifact):
@@ -48,9 +52,16 @@ class Sheet(Artifact):
         """File name without the suffix, such as "surface_refined"."""
         return self.path.stem
 
-    def rows(self, name: str) -> Rows:
+    @property
+    def label(self) -> str:
+        """What a surface or a comparison is, in words."""
+        left_out = LEFT_OUT.get(self.facts.get("hold_out", ""), "runs")
+        predicted = f"{left_out} left out and predicted"
+        return f"{LABELS[self.name]} surface" if self.name in LABELS else predicted
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
         """Return a further table; empty if there is none."""
-        return self.tables.get(name) or ()
+        return self.tables.get(name) or []
 
     def named(self) -> Sheet:
         """Return the sheet under its name in the chain, whatever its file is called."""
@@ -59,14 +70,14 @@ class Sheet(Artifact):
         return replace(self, path=Path(name if name in LABELS and refined else self.kind))
 
     @property
-    def pulley_radius_m(self) -> float:
-        """Pulley radius of the rig used for this artifact [m]; nan if unknown."""
-        return float(self.rig.get("pulley_radius_m") or np.nan)
-
-    @property
     def rig(self) -> Mapping[str, Any]:
         """Section `rig` of the config with which it was made."""
         return self.record.settings.get("rig") or {}
+
+    @property
+    def pulley_radius_m(self) -> float:
+        """Pulley radius of the rig used for this artifact [m]; nan if unknown."""
+        return float(self.rig.get("pulley_radius_m") or np.nan)
 
     @property
     def surface(self) -> FrictionSurface:
@@ -80,10 +91,9 @@ class Sheet(Artifact):
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
 
     @property
-    def measured_force(self) -> tuple[float, float] | None:
+    def measured_force(self) -> Sequence[float] | None:
         """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
-        stated = (self.facts.get("measured") or {}).get("normal_force_N_m")
-        return (float(stated[0]), float(stated[1])) if stated else None
+        return (self.facts.get("measured") or {}).get("normal_force_N_m")
 
     @property
     def combined_percent(self) -> float | None:
@@ -95,11 +105,6 @@ class Sheet(Artifact):
     def overall(self) -> Mapping[str, Any]:
         """Statistics over all points of a comparison."""
         return next(iter(self.rows("groups")), {})
-
-    @property
-    def passed(self) -> bool:
-        """Whether a comparison is within its tolerances."""
-        return bool(self.record.passed)
 
     @property
     def too_few_compared(self) -> bool:
@@ -143,7 +148,7 @@ class ArcProfile:
     arc_deg: float
     initial_tension_N: float
     slip_speed_m_s: float
-    profile: Columns
+    profile: Mapping[str, np.ndarray]
     mean_force_N_m: float
 
 
@@ -172,18 +177,14 @@ class BeltResults:
     failures: tuple[str, ...] = ()
     belt_facts: tuple[str, ...] = ()
 
-    def get(self, name: str) -> Sheet | None:
-        """Return an artifact by its name; None if missing."""
-        return self.sheets.get(name)
-
-    def first(self, *names: str) -> Sheet | None:
-        """Return the first artifact that there is; None if none."""
-        return next((sheet for name in names if (sheet := self.get(name))), None)
+    def get(self, *names: str) -> Sheet | None:
+        """Return the first of some artifacts that there is; None if none."""
+        return next((self.sheets[name] for name in names if name in self.sheets), None)
 
     @property
     def best_surface(self) -> Sheet | None:
         """The refined surface if available, otherwise the published one."""
-        return self.first(*SURFACES)
+        return self.get(*SURFACES)
 
     @property
     def prediction(self) -> Sheet | None:
@@ -195,3 +196,51 @@ class BeltResults:
     def origin(self) -> str | None:
         """Origin of the data: "synthetic" if any are, "measured" if all are, else None."""
         return combined_origin([sheet.origin for sheet in self.sheets.values()])
+
+
+def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
+    """Group the rows of the points by speed and tension, in order of first appearance.
+
+    Unknown tensions form one group, -1.
+    """
+    tensions = np.nan_to_num(snap_to_settings(tension), nan=UNKNOWN_TENSION)
+    pairs = np.stack([snap_to_settings(speed), tensions], axis=1)
+    distinct, first, of = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    return {
+        (float(distinct[k, 0]), float(distinct[k, 1])): np.flatnonzero(of.ravel() == k)
+        for k in np.argsort(first)
+    }
+
+
+def settings_of(values: np.ndarray, most: int | None = None) -> list[np.ndarray]:
+    """Group the rows of the runs by setting, ascending; one run each if values do not cluster.
+
+    Runs without a value are left out. More than `most` settings are joined to so many classes.
+    """
+    order = np.argsort(values, kind="stable")
+    order = order[np.isfinite(values[order])]
+    labels = numbered_settings(values[order], SAME)
+    if not all(is_setting(values[order[labels == label]]) for label in np.unique(labels)):
+        labels = np.arange(order.size)
+    numbers = np.unique(labels)
+    parts = np.array_split(numbers, max(1, min(most or numbers.size, numbers.size)))
+    return [order[np.isin(labels, part)] for part in parts if part.size]
+
+
+def is_setting(values: np.ndarray) -> bool:
+    """Return whether values are close enough to belong to one setting."""
+    return bool(np.ptp(values) <= 2.0 * SAME * values.min())
+
+
+def class_name(values: np.ndarray, unit: str = "") -> str:
+    """Name the setting of some runs, or the range of their class."""
+    if is_setting(values):  # exact settings get four digits, scattered ones three
+        digits = 4 if np.ptp(values) == 0.0 else 3
+        return f"{float(np.median(values)):.{digits}g}{unit}"
+    return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
+
+
+def load_name(friction: Sheet) -> str:
+    """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
+    rig = f"{friction.rig.get('holds')} {friction.facts.get('rig_holds')}"
+    return "weight" if "weight" in rig else "belt tension"

@@ -1,56 +1,22 @@
-"""What a command shows its user: facts, a table, notes, a verdict; and tables as CSV."""
+"""What a command shows its user: facts, tables, notes, a verdict; as text, as JSON, as CSV."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+
+from beltid.errors import printable
+from beltid.report.cells import Table, fact, table
 
 if TYPE_CHECKING:
     import numpy as np
+    from rich.console import Console, RenderableType
 
+GAP: Final = 3  # between two columns
+LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
 Rows = list[dict[str, Any]]
-
-
-def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> Rows:
-    """Return rows of the named columns of a table as plain values; nan becomes None.
-
-    A table may lack a column.
-    """
-    chosen = [name for name in names if name in columns]
-    cells = [[_plain(v) for v in columns[name].tolist()] for name in chosen]
-    return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
-
-
-def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
-    """Return a whole table as CSV, with the origin of its data as a column.
-
-    Columns with several numbers in a cell are left out.
-    """
-    import pandas as pd
-
-    frame = pd.DataFrame(
-        {
-            name: [_no_formula(label) for label in values] if values.dtype == object else values
-            for name, values in columns.items()
-            if values.ndim == 1
-        }
-    )
-    if origin is not None:
-        frame["origin"] = origin
-    return frame.to_csv(index=False, lineterminator="\n").encode()
-
-
-def _no_formula(value: Any) -> Any:
-    """Put an apostrophe before a text that a spreadsheet would take for a formula."""
-    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
-    return f"'{value}" if is_formula else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,3 +90,126 @@ class Summary:
             **({"snippet": self.snippet} if self.snippet else {}),
             **({"parts": [part.as_json() for part in self.parts]} if self.parts else {}),
         }
+
+
+def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> Rows:
+    """Return rows of the named columns of a table as plain values; nan becomes None.
+
+    A table may lack a column.
+    """
+    chosen = [name for name in names if name in columns]
+    cells = ([None if v != v else v for v in columns[name].tolist()] for name in chosen)
+    return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
+
+
+def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
+    """Return a whole table as CSV, with the origin of its data as a column.
+
+    Columns with several numbers in a cell are left out; a text that a spreadsheet would take for a
+    formula gets an apostrophe.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame({name: values for name, values in columns.items() if values.ndim == 1})
+    frame = frame.replace(r"^(?=[=+@-])", "'", regex=True)
+    if origin is not None:
+        frame["origin"] = origin
+    return frame.to_csv(index=False, lineterminator="\n").encode()
+
+
+def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
+    """Print a summary on a console.
+
+    Parameters
+    ----------
+    summary : Summary
+        Result of the stage.
+    console : Console
+        Output; its width decides between table and records.
+    complete : bool
+        Whether to print long tables completely instead of their overview, and the further tables.
+    """
+    with console.capture() as capture:
+        for part in _renderables(summary, console.width, complete):
+            # do not wrap lines that the user copies
+            unwrapped = getattr(part, "no_wrap", None) is True
+            console.print(part, markup=False, highlight=False, soft_wrap=unwrapped)
+    # strip the blanks with which a table fills its last column: they disturb programs
+    lines = (line.rstrip() for line in capture.get().splitlines())
+    console.file.write("\n".join(lines).strip("\n") + "\n")
+
+
+def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[RenderableType]:
+    """Yield the parts of a summary in order: heading, facts, tables, verdict."""
+    from rich.text import Text
+
+    suffix = " (synthetic data)" if summary.origin == "synthetic" else ""
+    if summary.title:
+        yield Text(f"{summary.stage}{suffix}: {summary.title}", style="bold")
+    for part in summary.parts:
+        yield from _renderables(part, width, complete)
+        yield Text("")
+    if summary.facts:
+        yield _facts(summary.facts)
+    names = summary.shown or tuple(summary.table[0] if summary.table else ())
+    whole = complete or not summary.overview
+    first = table("", summary.table, names) if whole else table("", summary.overview)
+    further = {**summary.extra_tables, **(summary.details if complete else {})}
+    for each in (first, *(table(title, rows) for title, rows in further.items())):
+        if each and each.title:
+            yield Text(each.title, style="bold")
+        if each:
+            yield _table_or_records(each, width)
+    if summary.snippet:
+        yield Text(f"\n{summary.snippet}", no_wrap=True)
+    if summary.verdict:
+        yield Text(summary.verdict, style=f"bold {'red' if summary.exit_status else 'green'}")
+    if summary.out is not None:
+        # a path must not wrap, so that it can be copied
+        yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
+
+
+def _facts(facts: dict[str, Any]) -> RenderableType:
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    grid = Grid.grid(padding=(0, 2, 0, 2))
+    grid.add_column(overflow="fold")
+    grid.add_column(overflow="fold")
+    for name, value in facts.items():
+        items = value if isinstance(value, (list, tuple)) else (value,)
+        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
+            grid.add_row(*(Text(printable(text)) for text in fact(name, value)))
+    return grid
+
+
+def _table_or_records(shown: Table, room: int) -> RenderableType:
+    """Render a table if it fits the console, otherwise each of its rows as a record."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    heads = shown.headings
+    widths = [max(map(len, column)) for column in zip(*shown.rows, strict=True)]
+    if not shown.numeric[-1]:
+        widths[-1] = min(widths[-1], LAST_COLUMN)
+    # numbers stay whole, headings may wrap
+    widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]
+    left = room - sum(widths) - GAP * len(widths)
+    if left < 0:
+        pairs = [zip(heads, row, strict=True) for row in shown.rows]
+        records = ["\n  ".join(printable(f"{h}: {text}") for h, text in row) for row in pairs]
+        return Text("\n".join(f"- {record}" for record in records))
+    grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
+    # unwrapped headings for as many columns as fit
+    for i in sorted(range(len(heads)), key=lambda i: len(heads[i]) - widths[i]):
+        more = max(len(heads[i]) - widths[i], 0)
+        if more <= left:
+            widths[i] += more
+            left -= more
+    for head, width, is_number in zip(heads, widths, shown.numeric, strict=True):
+        justify: Any = "right" if is_number else "left"
+        grid.add_column(Text(printable(head)), justify=justify, width=width, overflow="fold")
+    for row in shown.rows:
+        grid.add_row(*(Text(printable(text)) for text in row))
+    return grid

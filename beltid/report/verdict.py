@@ -1,8 +1,8 @@
-"""Head of a report: the verdict, main results, and how far to trust them."""
+"""Head of a report: the verdict, main results, how far to trust them, test conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,14 +10,24 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report.cells import between, cell, scientific, sentence
-from beltid.report.conditions import load_name
-from beltid.report.results import COMPARED, LABELS, LEFT_OUT, BeltResults, Sheet
+from beltid.report.results import (
+    COMPARED,
+    LABELS,
+    LEFT_OUT,
+    BeltResults,
+    Sheet,
+    class_name,
+    load_name,
+    settings_of,
+)
 
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
 SAME: Final = 0.05
 """Relative distance within which two values count as one."""
 WORDS: Final = ("no", "one", "two", "three")
+MOST_LISTED: Final = 12
+"""Largest number of settings that are listed; for more, the range is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +53,8 @@ def verdict_of(results: BeltResults) -> Verdict:
 
 def _headline(results: BeltResults) -> tuple[str, str]:
     compared = [sheet for name in COMPARED if (sheet := results.get(name))]
-    predicted = results.prediction
-    if not compared and predicted is None:
-        return "Not proven: the simulated rig was not compared with the bench.", "open"
-    statements, decisive = [], compared[:1]
-    if predicted is not None:
+    decisive, statements = compared[:1], list[str]()
+    if predicted := results.prediction:
         decisive.append(predicted)
         over_u = predicted.over_uncertainty
         error = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
@@ -57,17 +64,18 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     if compared:
         parts = [
-            f"with the {LABELS[sheet.name]} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
+            f"with the {sheet.label} by {sheet.rms_percent} % RMS ({_within(sheet)})"
             for sheet in compared
         ]
         statements.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
-    missing = list(_missing_evidence(results))
-    if not all(sheet.passed or sheet.too_few_compared for sheet in decisive):
+    missing = "; ".join(_missing_evidence(results))
+    if not decisive:
+        return "Not proven: the simulated rig was not compared with the bench.", "open"
+    start, state = "Identified and proven", "good"
+    if not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing:
-        start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
-    else:
-        start, state = "Identified and proven", "good"
+        start, state = f"Identified, not proven ({missing})", "open"
     first, *others = statements
     return " ".join([f"{start}: {first}.", *(f"{sentence(other)}." for other in others)]), state
 
@@ -75,7 +83,7 @@ def _headline(results: BeltResults) -> tuple[str, str]:
 def _within(sheet: Sheet) -> str:
     if sheet.too_few_compared:
         return _number_compared(sheet)
-    return f"{'within' if sheet.passed else 'out of'} tolerance"
+    return f"{'within' if sheet.record.passed else 'out of'} tolerance"
 
 
 def _number_compared(sheet: Sheet) -> str:
@@ -119,9 +127,9 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
 
 def _distinct(values: np.ndarray) -> int:
     """Count the values that differ by more than `SAME`, in a grid or a random design."""
-    count, last = 0, 0.0
+    count, last = 0, -1.0
     for value in np.sort(values[np.isfinite(values)]).tolist():
-        if not count or value > (1.0 + SAME) * last:
+        if value > (1.0 + SAME) * last:
             count, last = count + 1, value
     return count
 
@@ -137,15 +145,14 @@ def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
         if best.measured_force is not None:
             yield "measured", _forces(best.measured_force)
         given = "inferred" if best.name == "surface_refined" else "on the grid"
-        where = f"{_forces(surface.normal_force_N_m)}, {_speeds(surface.slip_speed_m_s)}"
-        yield given, where
+        yield given, f"{_forces(surface.normal_force_N_m)}, {_speeds(surface.slip_speed_m_s)}"
     if drive := results.get("compare_drive"):
         rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
         error = cell("rms_percent", None if rms is None else 100.0 * rms)
         over_u = "" if ratio is None else f", {ratio:.2g} standard uncertainties"
+        judged = "PASS" if drive.record.passed else "FAIL"
         points = f"{cell('n', drive.facts.get('points_judged'))} points"
-        said = f"{'PASS' if drive.passed else 'FAIL'} {error} % RMS{over_u}, {points}"
-        yield "Speed loss of the drive, predicted", said
+        yield "Speed loss of the drive, predicted", f"{judged} {error} % RMS{over_u}, {points}"
     if friction := results.get("friction"):
         good = int(np.count_nonzero(friction["status"] == "ok"))
         yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
@@ -160,10 +167,9 @@ def _normal_contact(stiffness: Sheet) -> str:
         second = stiffness[f"k_quadratic_{of}_N_m3"][row] / max(law.k_quadratic_N_m3, 1e-300)
         if np.isfinite([first, second]).all():
             said = f"± {percent(100.0 * first)}, ± {percent(100.0 * second)} ({label})"
-    depth = 1e6 * float(stiffness["max_penetration_m"][row])
-    force = _newtons(float(stiffness["max_force_N_m"][row]))
+    depth, force = (float(stiffness[f"max_{of}"][row]) for of in ("penetration_m", "force_N_m"))
     formula = f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²"
-    return f"{formula}, {said}; up to {depth:.3g} µm, {force} N/m"
+    return f"{formula}, {said}; up to {1e6 * depth:.3g} µm, {_forces([force])}"
 
 
 def _trust(results: BeltResults) -> Iterator[str]:
@@ -175,30 +181,28 @@ def _trust(results: BeltResults) -> Iterator[str]:
         return
     forces, v = sheet.surface.normal_force_N_m, sheet.surface.slip_speed_m_s
     speeds = f"{'at' if v[0] == v[-1] else 'from'} {_speeds(v)}"
-    measured = f"µ is given from {_forces(forces)} and {speeds}."
-    if sheet.measured_force is not None:
-        measured = f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}."
-        if sheet.name == "surface_refined":
-            measured += (
-                f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that "
-                "act within the contact of these runs."
-            )
-    yield measured
+    inferred = ""
+    if sheet.name == "surface_refined":
+        inferred = (
+            f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that act "
+            "within the contact of these runs."
+        )
+    if sheet.measured_force is None:
+        yield f"µ is given from {_forces(forces)} and {speeds}."
+    else:
+        yield f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}.{inferred}"
     beyond = "Outside, the nearest µ is taken; friction is never extrapolated."
     if stiffness := results.get("stiffness"):
-        pressed = float(stiffness["max_force_N_m"][stiffness.pooled_row])
+        pressed = stiffness["max_force_N_m"][stiffness.pooled_row]
         if pressed < forces[-1]:
-            beyond += (
-                f" Extrapolated: the normal law beyond {_newtons(pressed)} N/m, where the press "
-                "ended."
-            )
+            where = f"{_forces([pressed])}, where the press ended"
+            beyond += f" Extrapolated: the normal law beyond {where}."
     yield beyond
     if results.get("compare_refined") is not None:
-        left_out = "the runs that were left out show"
-        left_out = left_out if results.prediction else "only runs that are left out show"
+        runs = "the runs that were" if results.prediction else "only runs that are"
         yield (
             "The refined surface was fitted to these runs: its agreement shows how well the model "
-            f"fits them; {left_out} how well it predicts others."
+            f"fits them; {runs} left out show how well it predicts others."
         )
     total = sheet.combined_percent
     parts = [row for row in sheet.rows("budget") if row["source"] != "combined"]
@@ -211,14 +215,70 @@ def _trust(results: BeltResults) -> Iterator[str]:
         )
 
 
-def _forces(values: np.ndarray | tuple[float, float]) -> str:
-    return f"{between(_newtons(values[0]), _newtons(values[-1]))} N/m"
+def _forces(values: Sequence[float] | np.ndarray) -> str:
+    """Format a range of forces per length with four digits, never as a power of ten."""
+    ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
+    return f"{between(*ends)} N/m"
 
 
 def _speeds(values: np.ndarray) -> str:
     return f"{between(f'{1e3 * values[0]:.3g}', f'{1e3 * values[-1]:.3g}')} mm/s"
 
 
-def _newtons(value: float) -> str:
-    """Format a force per length with four digits, never as a power of ten."""
-    return cell("normal_force_N_m", float(f"{value:.4g}"))
+def conditions(results: BeltResults) -> list[tuple[str, str]]:
+    """List belt, rig, settings, temperatures and config, each with its value.
+
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
+    """
+    friction, stiffness = results.get("friction"), results.get("stiffness")
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    if friction is not None:
+        radius = friction.pulley_radius_m
+        weights = load_name(friction) == "weight"
+        lines += [
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
+            ("Contact arcs", _settings(friction["arc_deg"], "°")),
+            (
+                "Weights" if weights else "Belt tensions at rest T₀",
+                _settings(friction["nominal_tension_N"], " N"),
+            ),
+            ("Sliding speeds v", _settings(1e3 * friction["slip_speed_m_s"], " mm/s")),
+            ("Surface", _stated(friction, "condition")),
+            ("Side of the belt", _stated(friction, "side")),
+            ("Rig temperature", _range(friction["temperature_degC"], " °C")),
+        ]
+    if stiffness is not None:
+        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
+        degrees = np.unique(stiffness["temperature_degC"])
+        lines += [
+            ("Press segment", f"{float(length):.4g} cm" if length else ""),
+            ("Press temperatures", _listed([f"{t:.3g}" for t in degrees if t == t], " °C")),
+        ]
+    configs = {sheet.record.config for sheet in results.sheets.values()}
+    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
+    return [(name, value) for name, value in lines if value]
+
+
+def _stated(friction: Sheet, column: str) -> str:
+    values = friction.columns.get(column, ())
+    return ", ".join(sorted({str(value) for value in values if value is not None}))
+
+
+def _settings(column: np.ndarray, unit: str) -> str:
+    values = np.abs(column)
+    return _listed([class_name(values[rows]) for rows in settings_of(values)], unit)
+
+
+def _listed(values: Sequence[str], unit: str) -> str:
+    if len(values) > MOST_LISTED:
+        return f"{len(values)} from {values[0]} to {values[-1]}{unit}"
+    return ", ".join(values) + unit if values else ""
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return ""
+    low, high = float(finite.min()), float(finite.max())
+    return between(f"{low:.3g}", f"{low if high - low < 0.5 else high:.3g}") + unit

@@ -13,13 +13,14 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.estimators import snap_to_settings
-from beltid.report.cells import MISSING, between, cell
-from beltid.report.summary import Rows, Summary, rows_of
+from beltid.report.cells import between, cell
+from beltid.report.results import Sheet, sheet_of
+from beltid.report.summary import Rows, Summary, rows_of, show
 from beltid.store.artifact import Artifact
 
 FEW: Final = 16
 """Number of rows up to which a table is shown as it is."""
-MOST_FACTS: Final = 40
+MOST_LINES: Final = 40
 MOST_RANGES: Final = 3
 """Number of ranges in a row of a grouped table, so that it fits a terminal."""
 
@@ -117,8 +118,6 @@ COLUMNS: Final = {
 """Columns of further tables that have more."""
 RUNS: Final = "simulated_runs"
 """Further table that stands for the columns."""
-GROUPS: Final = "groups"
-"""Further table that people see in place of the columns."""
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
 
@@ -126,32 +125,13 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
-    if RUNS in record.tables:
-        rows = [
-            {name: value for name, value in row.items() if not isinstance(value, dict)}
-            for row in record.tables[RUNS]
-        ]
-        columns = {
-            name: np.array(
-                [row[name] for row in rows], dtype=object if isinstance(value, str) else float
-            )
-            for name, value in (rows or [{}])[0].items()
-        }
-    else:
-        columns = {name: v for name, v in artifact.columns.items() if v.ndim == 1}
-        rows = rows_of(columns, *columns)
-    names = tuple(name for name in f"{view.by} {view.shown}".split() if name in columns)
-    names = tuple(dict.fromkeys(("run", *names) if "run" in names else names or columns))
-    tables = {
-        name: _chosen(table, name)
-        for name, table in record.tables.items()
-        if name not in (RUNS, *FOR_REPORT)
-    }
-
-    def titled(always: bool) -> dict[str, Rows]:
-        names = [name for name in tables if (name in view.always) == always]
-        return {TITLES.get(name, name.replace("_", " ")): tables[name] for name in names}
-
+    columns, rows = _columns_and_rows(artifact)
+    names = [name for name in f"{view.by} {view.shown}".split() if name in columns]
+    titled: dict[bool, dict[str, Rows]] = {True: {}, False: {}}
+    for name, table in record.tables.items():
+        if name not in (RUNS, *FOR_REPORT):
+            title = TITLES.get(name, name.replace("_", " "))
+            titled[name in view.always][title] = chosen(table, name)
     return Summary(
         stage=record.made_by or artifact.kind,
         title=view.title,
@@ -160,9 +140,9 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
         facts={k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT},
         table=rows,
         overview=_overview(artifact, view, columns, rows),
-        shown=names,
-        extra_tables=titled(True),
-        details=titled(False),
+        shown=tuple(sorted(names, key=lambda name: name != "run") or columns),
+        extra_tables=titled[True],
+        details=titled[False],
         notes=tuple(record.notes),
         warnings=tuple(record.warnings),
         verdict=record.verdict,
@@ -172,7 +152,23 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
     )
 
 
-def _chosen(rows: Rows, table: str) -> Rows:
+def _columns_and_rows(artifact: Artifact) -> tuple[Mapping[str, np.ndarray], Rows]:
+    if RUNS not in artifact.tables:
+        columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
+        return columns, rows_of(columns, *columns)
+    rows = [
+        {name: value for name, value in row.items() if not isinstance(value, dict)}
+        for row in artifact.tables[RUNS]
+    ]
+    columns = {
+        name: np.array([row[name] for row in rows], dtype=object if type(value) is str else float)
+        for name, value in (rows[0] if rows else {}).items()
+    }
+    return columns, rows
+
+
+def chosen(rows: Rows, table: str) -> Rows:
+    """Return the rows of a further table with the columns that people see."""
     names = COLUMNS.get(table, "").split()
     return [{name: row[name] for name in names} for row in rows] if names else rows
 
@@ -181,19 +177,39 @@ def _overview(
     artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Rows
 ) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
-    if GROUPS in artifact.tables:
-        return _chosen(artifact.tables[GROUPS], GROUPS)
+    if "groups" in artifact.tables:
+        return chosen(artifact.tables["groups"], "groups")
     if artifact.kind == "surface":
-        return _grid(columns)
+        return grid(sheet_of(artifact), errors=False)
     if artifact.kind == "stiffness":
-        shown = rows_of(columns, *view.shown.split())
-        for row in shown:
-            if row["temperature_degC"] is None:
-                row["temperature_degC"] = "pooled"
-        return shown
+        return [{name: row[name] for name in view.shown.split()} for row in with_pooled(rows)]
     if len(rows) <= FEW or not view.by:
         return []
     return _grouped(columns, view.by.split(), view.shown.split())
+
+
+def with_pooled(rows: Rows) -> Rows:
+    """Return the rows of a stiffness table with a name for the law of all temperatures."""
+    pooled = {"temperature_degC": "pooled"}
+    return [row if row["temperature_degC"] is not None else {**row, **pooled} for row in rows]
+
+
+def grid(sheet: Sheet, *, errors: bool) -> Rows:
+    """Return a row per force of the averaged surface, with a column per speed."""
+    surface, (low, high) = sheet.surface, sheet.measured_force or (np.inf, -np.inf)
+    shown = np.full(surface.mu_nodes.shape, np.nan)
+    if errors and surface.mu_se_nodes is not None:
+        shown = surface.mu_se_nodes
+    rows = []
+    for i, force in enumerate(surface.normal_force_N_m.tolist()):
+        row: dict[str, Any] = {"normal_force_N_m": force}
+        if low <= high:
+            row["range"] = "measured" if low <= force <= high else "inferred"
+        for j, v in enumerate(surface.slip_speed_m_s.tolist()):
+            error = f" ± {shown[i, j]:.2g}" if np.isfinite(shown[i, j]) else ""
+            row[f"{1e3 * v:.3g} mm/s"] = cell("mu", surface.mu_nodes[i, j]) + error
+        rows.append(row)
+    return rows
 
 
 def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]) -> Rows:
@@ -222,24 +238,13 @@ def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequen
 
 def _range(name: str, values: np.ndarray) -> str:
     finite = values[np.isfinite(values)]
-    if not finite.size:
-        return MISSING
-    return between(cell(name, float(finite.min())), cell(name, float(finite.max())))
-
-
-def _grid(columns: Mapping[str, np.ndarray]) -> Rows:
-    """Return a row per force of the averaged surface, with a column per speed."""
-    mean, rows = np.isnan(columns["arc_deg"]), dict[float, dict[str, Any]]()
-    names = ("normal_force_N_m", "slip_speed_m_s", "mu")
-    for f, v, mu in zip(*(columns[name][mean].tolist() for name in names), strict=True):
-        rows.setdefault(f, {"normal_force_N_m": f})[f"mu at {v:.4g} m/s"] = mu
-    return list(rows.values())
+    ends = (finite.min(), finite.max()) if finite.size else (np.nan, np.nan)
+    return between(*(cell(name, end) for end in ends))
 
 
 def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
     """Return what `show` says of an artifact: what it is and was made from, then what it says."""
     record, said = artifact.record, summary_of(artifact)
-    figure = f"{figures[0][1]} ({figures[0][0]})" if figures else None
     facts: dict[str, Any] = {
         "kind": record.kind,
         "schema_version": record.version,
@@ -253,7 +258,7 @@ def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
         "sources_sha256": record.sources,
         **{f"valid {name}": span for name, span in record.validity.items()},
         "set_aside": len(record.set_aside),
-        "figure": figure,
+        "figure": f"{figures[0][1]} ({figures[0][0]})" if figures else None,
         **({"further figures": ", ".join(k for k, _ in figures[1:])} if figures[1:] else {}),
     }
     made_from = [{"input": name, "sha256": sha} for name, sha in record.inputs.items()]
@@ -276,10 +281,8 @@ def text_of(artifact: Artifact) -> str:
     """Return an artifact as text of one screen: the repr of a result."""
     from rich.console import Console
 
-    from beltid.report.terminal import show
-
     file = io.StringIO()
     show(summary_of(artifact), Console(file=file, width=100, color_system=None))
     lines = file.getvalue().splitlines()
-    more = [f"... {len(lines) - MOST_FACTS} more lines"] if len(lines) > MOST_FACTS else []
-    return "\n".join([*lines[:MOST_FACTS], *more])
+    more = [f"... {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
+    return "\n".join([*lines[:MOST_LINES], *more])

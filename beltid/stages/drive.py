@@ -22,7 +22,7 @@ from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
-from beltid.report.conditions import series_of
+from beltid.report.results import series_of
 from beltid.stage import Outcome
 from beltid.stages.inputs import (
     Columns,

@@ -15,8 +15,7 @@ from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
 from beltid.params import OperatingPoint
-from beltid.report.html import rendered
-from beltid.report.page import Page, belt_page, belts_page
+from beltid.report.page import Page, belt_page, belts_page, rendered
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
@@ -114,7 +113,7 @@ def _row(results: BeltResults) -> dict[str, Any]:
     for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
         sheet = results.get(name)
         row[f"{prefix}rms_percent"] = sheet.overall.get("rms_percent") if sheet else None
-        row[f"{prefix}within_tolerance"] = sheet.passed if sheet else None
+        row[f"{prefix}within_tolerance"] = bool(sheet.record.passed) if sheet else None
     return row
 
 

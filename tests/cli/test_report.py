@@ -13,8 +13,7 @@ import pytest
 from rich.console import Console
 
 from beltid.report.cells import cell, name_and_unit
-from beltid.report.summary import Summary
-from beltid.report.terminal import show
+from beltid.report.summary import Summary, show
 from beltid.tables import schemas
 
 

@@ -14,7 +14,7 @@ from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
-from beltid.report import tables
+from beltid.report.page import provenance, set_aside, tabulated
 from beltid.report.results import BeltResults, sheet_of
 from beltid.report.verdict import verdict_of
 from beltid.report.view import shown_of
@@ -46,8 +46,9 @@ def _artifact(path: Path) -> object:
         runs_uncertainty_of(artifact.facts)
     results = BeltResults("x", {sheet.name: sheet})
     verdict_of(results)
-    for table in (tables.budget, tables.set_aside, tables.provenance):
-        table(results)
+    set_aside(results)
+    provenance(results)
+    tabulated(sheet, "budget")
     return shown_of(artifact, []).as_json()
 
 

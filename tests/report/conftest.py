@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 from report_belt_data import results
 
-from beltid.report.html import rendered
-from beltid.report.page import Page, belt_page
+from beltid.report.page import Page, belt_page, rendered
 
 
 @pytest.fixture(scope="session")

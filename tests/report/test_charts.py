@@ -26,11 +26,10 @@ from report_belt_data import (
 )
 
 import beltid
-from beltid.report import style
 from beltid.report.charts import (
     CHARTS,
-    NotDrawn,
     Picture,
+    group,
     inline_svg,
     legend_below,
     pictures_of,
@@ -174,7 +173,7 @@ def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
     assert extent.x1 <= fig.bbox.width
     assert len(fig.legends[0].get_texts()) == 12
     assert axes.get_window_extent().height > 2.0 * fig.dpi
-    looks = [style.group(k) for k in range(10)]
+    looks = [group(k) for k in range(10)]
     assert len({(look["color"], look["marker"]) for look in looks}) == 10
 
 
@@ -232,12 +231,13 @@ def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
 def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
     two = [results("one"), results("two")]
     over_speed = CHARTS["belts-speed"].picture(two)
+    assert isinstance(over_speed, Picture)
     assert {"one", "two"} <= {x.get_label() for x in over_speed.figure.axes[0].get_lines()}
     assert "4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000
     at = line(over_speed.figure.axes[0], "one")
     assert at[0] == pytest.approx((2.5, 1.05 * (1.2 - 0.2 + 0.025)))
-    with pytest.raises(NotDrawn):
-        CHARTS["belts-law"].picture([results(stiffness=None)])
+    why = CHARTS["belts-law"].picture([results(stiffness=None)])
+    assert why == "The normal contact law of every belt: no folder has a stiffness.parquet"
 
 
 def test_the_same_data_give_the_same_bytes_and_names_within_a_figure_are_its_own() -> None:

@@ -25,11 +25,16 @@ from report_belt_data import (
 
 from beltid.errors import ArtifactError, InputError
 from beltid.report.cells import cell
-from beltid.report.conditions import conditions
-from beltid.report.html import rendered
-from beltid.report.page import Page, Section, belt_page, belts_page
-from beltid.report.tables import nodes, set_aside, tiles
-from beltid.report.verdict import verdict_of
+from beltid.report.page import (
+    Section,
+    belt_page,
+    belts_page,
+    rendered,
+    set_aside,
+    tabulated,
+    tiles,
+)
+from beltid.report.verdict import conditions, verdict_of
 from beltid.stages import report_belt
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
@@ -149,7 +154,7 @@ def test_measured_inferred_and_extrapolated_ranges_are_distinguished(
     assert "2500 to 7000 N/m" in trust
     assert "2000 to 8000 N/m" in trust
     assert (f"beyond {pressed:.0f} N/m" in trust) == said
-    table = nodes(sheets()["surface_refined"])
+    table = tabulated(sheets()["surface_refined"], "nodes")
     assert table is not None
     assert [row[1] for row in table.rows] == ["inferred", "measured", "measured", "inferred"]
 
@@ -281,6 +286,8 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
 
 
 def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
-    page: Page = belts_page([results(), results(crossvalidation=None)], ["a", "b"], "0" * 64)
-    verdicts = [row[-3:] for row in page.sections[0].tables[0].rows]
+    page = belts_page([results(), results(crossvalidation=None)], ["a", "b"], "0" * 64)
+    (table,) = page.sections[0].tables
+    assert table is not None
+    verdicts = [row[-3:] for row in table.rows]
     assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]

@@ -10,13 +10,22 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report import style
 from beltid.report.cells import axis, scientific
-from beltid.report.charts import LINE_FORCE, MILLI, NotDrawn, chart, draw
-from beltid.report.conditions import UNKNOWN_TENSION, load_name, series_of
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.charts import (
+    FAINT,
+    INK,
+    LINE_FORCE,
+    MEASURED,
+    MILLI,
+    SIMULATED,
+    NotDrawn,
+    chart,
+    draw,
+    group,
+)
+from beltid.report.results import UNKNOWN_TENSION, BeltResults, Sheet, load_name, series_of
 
-BRANCHES: Final = {"loading": ("-", style.MEASURED), "unloading": ("--", style.SIMULATED)}
+BRANCHES: Final = {"loading": ("-", MEASURED), "unloading": ("--", SIMULATED)}
 NO_CURVES: Final = (
     "the recording was not read when the report was written; beltid report --config CONFIG reads it"
 )
@@ -27,6 +36,15 @@ PHASES: Final = (
     ("peak to sliding", "#efe6f5", "\\\\"),
     ("sliding plateau", "#cfe6f5", ""),
 )
+OF_RUN: Final = (
+    "run",
+    "arc_deg",
+    "nominal_tension_N",
+    "slip_speed_m_s",
+    "mu_sliding",
+    "mu_sliding_se",
+    "mu_sticking",
+)
 TIMES: Final = ("start_time_s", "peak_time_s", "plateau_start_s", "plateau_end_s")
 
 
@@ -36,19 +54,29 @@ def curve(stiffness: Sheet, row: int) -> dict[str, np.ndarray]:
     return {"penetration_m": depth, "line_force_N_m": stiffness.law(row).force(depth)}
 
 
+def _press(axes: Any, data: Any, rows: Any = slice(None), **look: Any) -> None:
+    draw(axes, data, "penetration_m", "line_force_N_m", rows, **look)
+
+
+def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
+    """Draw branches of the press, each test and cycle a line of its own."""
+    for branch, (dash, colour) in BRANCHES.items():
+        of = np.flatnonzero(rows & (curves["branch"] == branch))
+        names, cycles = curves["test"][of].astype(str), np.asarray(curves["cycle"][of])
+        cuts = np.flatnonzero((names[1:] != names[:-1]) | (cycles[1:] != cycles[:-1])) + 1
+        for k, part in enumerate(np.split(of, cuts) if of.size else ()):
+            _press(axes, curves, part, ls=dash, color=colour, label="" if k else branch, **look)
+
+
 @chart("press-law", "The normal contact law", "stiffness", paper="Fig. 5")
 def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     """Draw the pooled law through all branches."""
-    row, curves = stiffness.pooled_row, results.get("press_curves")
-    if curves is not None:
+    row = stiffness.pooled_row
+    if curves := results.get("press_curves"):
         _branches(axes, curves, alpha=0.7, lw=1.0)
-    fitted = curve(stiffness, row)
-    draw(
-        axes, fitted, "penetration_m", "line_force_N_m", color=style.INK, lw=2.0, label="fitted law"
-    )
-    look: Any = {"ls": "none", "color": style.INK, "ms": 7, "label": "largest penetration"}
-    draw(axes, fitted, "penetration_m", "line_force_N_m", [-1], marker="o", **look)
-    law = stiffness.law(row)
+    fitted, law = curve(stiffness, row), stiffness.law(row)
+    _press(axes, fitted, color=INK, lw=2.0, label="fitted law")
+    _press(axes, fitted, [-1], marker="o", ls="none", color=INK, ms=7, label="largest penetration")
     unloaded = np.isfinite(stiffness["hysteresis_ratio"][row])
     where = "half-way between loading and unloading" if unloaded else "along the loading"
     return (
@@ -59,7 +87,7 @@ def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
 
 def having(belts: Sequence[BeltResults], *names: str) -> list[tuple[str, Sheet]]:
     """Return the names of the belts with one of some artifacts, and the first of these."""
-    present = [(belt.belt, sheet) for belt in belts if (sheet := belt.first(*names))]
+    present = [(belt.belt, sheet) for belt in belts if (sheet := belt.get(*names))]
     if not present:
         raise NotDrawn(f"no folder has a {names[0]}.parquet")
     return present
@@ -69,8 +97,7 @@ def having(belts: Sequence[BeltResults], *names: str) -> list[tuple[str, Sheet]]
 def laws(axes: Any, belts: Sequence[BeltResults]) -> str:
     """Draw the normal law of every belt up to its largest penetration."""
     for i, (belt, sheet) in enumerate(having(belts, "stiffness")):
-        look = style.group(i, label=belt, markevery=20)
-        draw(axes, curve(sheet, sheet.pooled_row), "penetration_m", "line_force_N_m", **look)
+        _press(axes, curve(sheet, sheet.pooled_row), **group(i, label=belt, markevery=20))
     return "Not proportional to the number of ribs: each belt has to be identified by itself."
 
 
@@ -82,43 +109,30 @@ def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     curves, at = results.get("press_curves"), stiffness["temperature_degC"]
     if curves is None:
         raise NotDrawn(NO_CURVES)
-    panels = np.flatnonzero(np.isfinite(at)).tolist() or [stiffness.pooled_row]
+    rows = np.flatnonzero(np.isfinite(at))
+    panels = rows.tolist() or [stiffness.pooled_row]
     across = min(2, len(panels))
     down = -(-len(panels) // across)
     fig.set_figheight(1.0 + (2.1 if across > 1 else 3.0) * down)
     grid = fig.subplots(down, across, sharex=True, sharey=True, squeeze=False)
-    laws = at[np.isfinite(at)]
     for axes, row in zip(grid.flat, panels, strict=False):
-        here = np.ones(curves["branch"].size, dtype=bool)
-        if laws.size:  # the curves belong to the law of the nearest temperature
-            away = np.abs(curves["temperature_degC"][:, None] - laws)
+        here: Any = True
+        if rows.size:  # the curves belong to the law of the nearest temperature
+            away = np.abs(curves["temperature_degC"][:, None] - at[rows])
             here = np.abs(curves["temperature_degC"] - at[row]) <= away.min(axis=1)
         _branches(axes, curves, here)
-        look: Any = {"ls": ":", "color": style.INK, "lw": 1.8, "label": "law"}
-        draw(axes, curve(stiffness, row), "penetration_m", "line_force_N_m", **look)
-        axes.set_title(f"{at[row]:g} °C" if laws.size else "all tests")
+        _press(axes, curve(stiffness, row), ls=":", color=INK, lw=1.8, label="law")
+        axes.set_title(f"{at[row]:g} °C" if rows.size else "all tests")
         axes.label_outer()
         axes.set_ylabel("")
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
-        above = grid[-2, 1]
-        above.set_xlabel(axis("penetration_m"))
-        above.tick_params(labelbottom=True)
+        grid[-2, 1].set_xlabel(axis("penetration_m"))
+        grid[-2, 1].tick_params(labelbottom=True)
     fig.supylabel(LINE_FORCE, fontsize=10)
     if "unloading" in curves["branch"]:
         return "The area between loading and unloading is the energy lost in a cycle."
     return "No test was unloaded: the energy lost in a cycle is unknown."
-
-
-def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
-    """Draw branches of the press, each test and cycle a line of its own."""
-    for branch, (dash, colour) in BRANCHES.items():
-        of = np.flatnonzero(rows & (curves["branch"] == branch))
-        names, cycles = curves["test"][of].astype(str), np.asarray(curves["cycle"][of])
-        cuts = np.flatnonzero((names[1:] != names[:-1]) | (cycles[1:] != cycles[:-1])) + 1
-        for k, part in enumerate(np.split(of, cuts) if of.size else ()):
-            own = {"ls": dash, "color": colour, "label": "" if k else branch, **look}
-            draw(axes, curves, "penetration_m", "line_force_N_m", part, **own)
 
 
 @chart("slip", "Sliding speed in service", "slip", paper="Fig. 9")
@@ -127,13 +141,12 @@ def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
     series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
     for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=lambda item: item[0])):
         known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"
-        look = style.group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
+        look = group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
         draw(axes, slip, "torque_N_m", "slip_speed_m_s", rows, err="slip_speed_se_m_s", **look)
-    top = axes.get_ylim()[1]
     speeds = MILLI * slip.pulley_radius_m * np.array(slip.rig.get("pulley_speeds_rad_s") or ())
-    for k, v in enumerate(speeds[(speeds > 0.0) & (speeds <= 2.0 * top)]):
+    for k, v in enumerate(speeds[(speeds > 0.0) & (speeds <= 2.0 * axes.get_ylim()[1])]):
         label = None if k else "speeds of the friction rig"
-        axes.axhline(v, color=style.FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
+        axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
     axes.set_xlabel("torque of the driven pulley [N m]")
     return (
         "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
@@ -152,44 +165,40 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
     if not good.size:
         raise NotDrawn("no run could be used")
     row = int(good[np.argmax(friction["arc_deg"][good])])
+    run = {name: friction[name][row] for name in OF_RUN + TIMES}
     fig.set_figheight(5.6)
     above, below = fig.subplots(2, 1, sharex=True)
-    rows = curves["run"].astype(str) == str(friction["run"][row])
-    for name, colour, dash in (("tight", style.MEASURED, "-"), ("slack", style.SIMULATED, "--")):
+    rows = curves["run"].astype(str) == str(run["run"])
+    for name, colour, dash in (("tight", MEASURED, "-"), ("slack", SIMULATED, "--")):
         look: Any = {"ls": dash, "color": colour, "lw": 1.1, "label": f"{name} span"}
         draw(above, curves, "time_s", f"tension_{name}_N", rows, **look)
-    draw(below, curves, "time_s", "mu", rows, color=style.INK, lw=1.1, label="µ, Eq. (6)")
+    draw(below, curves, "time_s", "mu", rows, color=INK, lw=1.1, label="µ, Eq. (6)")
     above.set_xlabel("")
-    t, mu = curves["time_s"][rows], curves["mu"][rows]
-    start, peak, plateau, end = (float(friction[name][row]) for name in TIMES)
+    start, peak, plateau, end = (float(run[name]) for name in TIMES)
     # without a peak the build-up lasts until the plateau
-    times = [float(t.min()), start, peak if np.isfinite(peak) else plateau, plateau, end]
+    turn = peak if np.isfinite(peak) else plateau
+    times = [float(curves["time_s"][rows].min()), start, turn, plateau, end]
     for (name, colour, hatch), begin, until in zip(PHASES, times[:-1], times[1:], strict=True):
         if until > begin:
             look = {"facecolor": colour, "edgecolor": "#b9b9b9", "hatch": hatch, "zorder": 0.4}
             above.axvspan(begin, until, lw=0, **look)
             below.axvspan(begin, until, lw=0.6, label=name, **look)
-    sliding, se, sticking = (
-        float(friction[f"mu_{name}"][row]) for name in ("sliding", "sliding_se", "sticking")
-    )
-    error = f" ± {se:.2g}" if np.isfinite(se) else ""
-    below.axhline(
-        sliding, color=style.MEASURED, ls="--", lw=1.2, label=f"sliding {sliding:.4f}{error}"
-    )
-    if np.isfinite(sticking) and np.isfinite(peak):
-        label = f"peak before sliding {sticking:.4f}"
-        below.plot(peak, sticking, "v", color=style.SIMULATED, ms=7, label=label)
+    sliding, se = float(run["mu_sliding"]), float(run["mu_sliding_se"])
+    label = f"sliding {sliding:.4f}" + (f" ± {se:.2g}" if np.isfinite(se) else "")
+    below.axhline(sliding, color=MEASURED, ls="--", lw=1.2, label=label)
+    if np.isfinite(run["mu_sticking"]) and np.isfinite(peak):
+        label = f"peak before sliding {run['mu_sticking']:.4f}"
+        below.plot(peak, run["mu_sticking"], "v", color=SIMULATED, ms=7, label=label)
+    mu = curves["mu"][rows]
     if np.isfinite(mu).any():  # spikes must not flatten the curve
         low, high = np.nanpercentile(mu, [0.5, 99.5])
-        high = np.fmax(high, sliding)
-        below.set_ylim(low - 0.1 * max(high - low, 1e-6), high + 0.2 * max(high - low, 1e-6))
-    arc, tension, speed = (
-        float(friction[name][row]) for name in ("arc_deg", "nominal_tension_N", "slip_speed_m_s")
-    )
+        span = max(np.fmax(high, sliding) - low, 1e-6)
+        below.set_ylim(low - 0.1 * span, np.fmax(high, sliding) + 0.2 * span)
     return (
-        f"Run {friction['run'][row]}: arc {arc:.4g}°, {load_name(friction)} {tension:.4g} N, "
-        f"v = {MILLI * speed:.4g} mm/s. At rest, then µ rises to the peak and settles; the sliding "
-        "plateau is the result. Tensions as recorded, with the corrections of the config."
+        f"Run {run['run']}: arc {run['arc_deg']:.4g}°, {load_name(friction)} "
+        f"{run['nominal_tension_N']:.4g} N, v = {MILLI * run['slip_speed_m_s']:.4g} mm/s. At rest, "
+        "then µ rises to the peak and settles; the sliding plateau is the result. Tensions as "
+        "recorded, with the corrections of the config."
     )
 
 
@@ -202,18 +211,16 @@ def along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
     fig.set_figheight(1.0 + 1.9 * len(profiles))
     grid = fig.subplots(len(profiles), 1, sharex=True, squeeze=False)
     for axes, run in zip(grid.flat, profiles, strict=True):
-        for of, colour, dash, label in (
-            ("normal", style.SIMULATED, "-", "simulated contact"),
-            ("capstan", style.MEASURED, "--", "Eq. (8)"),
-        ):
-            x = MILLI * run.profile["arc_position_m"]
-            axes.plot(x, run.profile[f"{of}_force_N_m"], dash, color=colour, label=label)
-        axes.axhline(run.mean_force_N_m, color=style.FAINT, ls=":", label="mean of Eq. (8)")
-        axes.set_title(
-            f"arc {run.arc_deg:g}°, T₀ = {run.initial_tension_N:.4g} N, "
-            f"v = {MILLI * run.slip_speed_m_s:.3g} mm/s",
-            loc="left",
+        x, force, by_capstan = (
+            run.profile[name]
+            for name in ("arc_position_m", "normal_force_N_m", "capstan_force_N_m")
         )
+        axes.plot(MILLI * x, force, "-", color=SIMULATED, label="simulated contact")
+        axes.plot(MILLI * x, by_capstan, "--", color=MEASURED, label="Eq. (8)")
+        axes.axhline(run.mean_force_N_m, color=FAINT, ls=":", label="mean of Eq. (8)")
+        speed = f"v = {MILLI * run.slip_speed_m_s:.3g} mm/s"
+        title = f"arc {run.arc_deg:g}°, T₀ = {run.initial_tension_N:.4g} N, {speed}"
+        axes.set_title(title, loc="left")
         axes.set_ylim(bottom=0.0)
     grid.flat[-1].set_xlabel(axis("arc_position_m"))
     fig.supylabel(LINE_FORCE, fontsize=10)

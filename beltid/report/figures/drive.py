@@ -7,25 +7,31 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report import style
 from beltid.report.cells import axis, quantity
-from beltid.report.charts import WIDTH, NotDrawn, chart, draw
-from beltid.report.conditions import series_of
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.charts import (
+    FAINT,
+    GRID,
+    INK,
+    SIMULATED,
+    WIDTH,
+    NotDrawn,
+    chart,
+    draw,
+    group,
+)
+from beltid.report.results import BeltResults, Sheet, series_of
 
 TALL: Final = 5.8
-
-
-def _rows(sheet: Sheet, name: str) -> Any:
-    if not sheet.rows(name):
-        raise NotDrawn(f"drive.parquet has no {name}")
-    return sheet.rows(name)
 
 
 @chart("drawing", "The drive and its forces", "drive")
 def drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw pulleys and belt, with span and hub forces as numbers at the most loaded point."""
-    laid, run = _rows(sheet, "laid"), _most_loaded(sheet)
+    laid, torque = sheet.rows("laid"), np.abs(sheet["torque_N_m"])
+    steady = np.where(np.isfinite(sheet["speed_loss_rad_s"]), np.nan_to_num(torque), 0.0)
+    if not laid or not steady.any():
+        raise NotDrawn("no point has a steady torque, or the places of the pulleys are unknown")
+    run = sheet["run"][np.argmax(steady)]
     rows = np.flatnonzero(sheet["run"] == run)
     size = max(pulley["radius_m"] for pulley in laid)
     forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
@@ -42,16 +48,15 @@ def drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
         place = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
-        axes.annotate(force, tuple(place), color=style.SIMULATED, **centred)
+        axes.annotate(force, tuple(place), color=SIMULATED, **centred)
     axes.set_aspect("equal")
     axes.margins(0.2)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.grid(visible=False)
-    torque = float(np.nanmax(np.abs(sheet["torque_N_m"][rows])))
     return (
         f"Point {run}, {abs(sheet['driver_speed_rad_s'][rows[0]]):.4g} rad/s, largest torque "
-        f"{torque:.3g} N m. At the spans: belt tension; at the pulleys: force of the belt on the "
-        "axis."
+        f"{np.nanmax(torque[rows]):.3g} N m. At the spans: belt tension; at the pulleys: force of "
+        "the belt on the axis."
     )
 
 
@@ -69,35 +74,26 @@ def _draw_belt(
     angle = np.radians(first + np.linspace(0.0, (last - first) % 360.0 or 360.0, 73))
     belt = centre[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)])
     span = np.stack([pulley["leaves_m"], pulley["arrives_m"]], axis=1)
-    axes.add_patch(Circle(tuple(centre), radius, facecolor=style.GRID, edgecolor=style.FAINT))
+    axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor=FAINT))
     for line in (belt, span):
-        axes.plot(*line, color=style.INK, linewidth=2.0)
-
-
-def _most_loaded(sheet: Sheet) -> str:
-    """Return the point with the largest steady torque."""
-    torque = np.abs(sheet["torque_N_m"]) * np.isfinite(sheet["speed_loss_rad_s"])
-    steady = np.where(np.isfinite(torque), torque, -1.0)
-    if np.max(steady) <= 0.0:
-        raise NotDrawn("no point has a steady torque")
-    return str(sheet["run"][int(np.argmax(steady))])
+        axes.plot(*line, color=INK, linewidth=2.0)
 
 
 @chart("loss", "Predicted speed loss over torque", "drive")
 def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the predicted loss of the pulley with the largest torque, and its parts."""
-    driven = np.abs(np.nan_to_num(sheet["torque_N_m"]))
-    driven = np.where(np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0, driven, -1.0)
+    loses = np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0
+    driven = np.where(loses, np.abs(np.nan_to_num(sheet["torque_N_m"])), -1.0)
     pulley = str(sheet["pulley"][int(np.argmax(driven))])
     seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
     data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
+    data["u"] = sheet["speed_loss_u_rad_s"]
     for k, (name, rows) in enumerate(_series(sheet, sheet["pulley"] == pulley)):
-        look = style.group(k, label=name)
-        thin = {"color": look["color"], "lw": 0.6}
+        look = group(k, label=name)
         for part in ("creep", "creep_and_seating"):
-            draw(axes, data, "torque_N_m", f"loss_{part}_rad_s", rows, **thin)
-        band = "speed_loss_u_rad_s" if "speed_loss_u_rad_s" in data else ""
-        draw(axes, data, "torque_N_m", "speed_loss_rad_s", rows, band=band, **look)
+            of_part = f"loss_{part}_rad_s"
+            draw(axes, data, "torque_N_m", of_part, rows, color=look["color"], lw=0.6)
+        draw(axes, data, "torque_N_m", "speed_loss_rad_s", rows, band="u", **look)
     return (
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
@@ -108,17 +104,18 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
 @chart("along-arcs", "Normal force and sliding along the arcs", "drive", whole=True)
 def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw line force and sliding speed along each arc at the most loaded point."""
-    rows = _rows(sheet, "arcs")
+    rows = sheet.rows("arcs")
+    if not rows:
+        raise NotDrawn("drive.parquet has no arcs")
     fig.set_figheight(TALL)
     panels = fig.subplots(2, 1, sharex=True)
     for k, arc in enumerate(rows):
-        data = {name: np.array(arc[name]) for name in ("normal_force_N_m", "slip_speed_m_s")}
-        for axes, name in zip(panels, data, strict=True):
-            x, y = np.array(arc["angle_deg"]), quantity(name)[2] * data[name]
-            axes.plot(x, y, **style.group(k, marker=None, label=arc["pulley"]))
+        for axes, name in zip(panels, ("normal_force_N_m", "slip_speed_m_s"), strict=True):
+            y = quantity(name)[2] * np.array(arc[name])
+            axes.plot(arc["angle_deg"], y, **group(k, marker=None, label=arc["pulley"]))
             axes.set_ylabel(axis(name))
     panels[0].set_ylim(bottom=0.0)
-    panels[1].axhline(0.0, color=style.FAINT, linewidth=0.8)
+    panels[1].axhline(0.0, color=FAINT, linewidth=0.8)
     panels[1].set_xlabel("angle from the entry of the belt [°]")
     return (
         f"Point {rows[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt sticks."
@@ -129,8 +126,8 @@ def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
 def compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw measured and predicted speed loss over torque."""
     for k, (name, rows) in enumerate(_series(sheet, np.ones(len(sheet["run"]), dtype=bool))):
-        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **style.group(k, marker=None))
-        look = style.group(k, ls="none", label=name)
+        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **group(k, marker=None))
+        look = group(k, ls="none", label=name)
         draw(axes, sheet, "torque_N_m", "loss_measured_rad_s", rows, err="u_measured_rad_s", **look)
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "

@@ -8,12 +8,35 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.report import style
+from beltid.report import charts
 from beltid.report.cells import between
-from beltid.report.charts import LINE_FORCE, MILLI, MU, SPEED, NotDrawn, chart, draw, logarithmic
-from beltid.report.conditions import class_name, classes_of, is_setting
+from beltid.report.charts import (
+    FAINT,
+    INK,
+    LINE_FORCE,
+    LINES,
+    MARKERS,
+    MILLI,
+    MU,
+    ORDERED,
+    SPEED,
+    NotDrawn,
+    chart,
+    draw,
+    group,
+    logarithmic,
+    shades,
+)
 from beltid.report.figures.bench import POINTS, having
-from beltid.report.results import SIMULATED, SURFACES, BeltResults, Sheet
+from beltid.report.results import (
+    SIMULATED,
+    SURFACES,
+    BeltResults,
+    Sheet,
+    class_name,
+    is_setting,
+    settings_of,
+)
 
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
@@ -30,28 +53,23 @@ def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> No
     """
     speed = MILLI * np.abs(data["slip_speed_m_s"])
     arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
-    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(style.MARKERS))
+    by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
-    colours = style.shades(len(by_speed))
+    lines = LINES if joined else ("none",)
     looks: list[Any] = [
-        {
-            "marker": style.MARKERS[i],
-            "ls": style.LINES[i % len(style.LINES)] if joined else "none",
-            "lw": 0.9,
-        }
-        for i in range(len(by_arc))
+        {"marker": MARKERS[i], "ls": lines[i % len(lines)], "lw": 0.9} for i in range(len(by_arc))
     ]
-    for colour, at_speed in zip(colours, by_speed, strict=True):
+    named = []
+    for colour, at_speed in zip(shades(len(by_speed)), by_speed, strict=True):
         for look, at_arc in zip(looks, by_arc, strict=True):
             rows = np.intersect1d(at_speed, at_arc)
             if rows.size:
                 draw(axes, data, "normal_force_N_m", mu, rows, err=err, color=colour, **look)
-    speeds = [axes.plot([], [], color=colour, lw=4)[0] for colour in colours]
-    names = [class_name(speed[rows]) for rows in by_speed]
-    axes.figure.legend(speeds[::-1], names[::-1], title="v [mm/s]", loc="outside right upper")
+        named.append((axes.plot([], [], color=colour, lw=4)[0], class_name(speed[at_speed])))
+    axes.figure.legend(*zip(*named[::-1], strict=True), title="v [mm/s]", loc="outside right upper")
     for look, rows in zip(looks if arc.any() else (), by_arc, strict=False):
-        axes.plot([], [], color=style.FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
+        axes.plot([], [], color=FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
 
 
 @chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
@@ -79,8 +97,7 @@ def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     rows = [row for row in sheet.rows("simulated_runs") if row["status"] == "ok"]
     if not rows:
         raise NotDrawn("no simulated run could be used")
-    names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
-    data = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
+    data = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     data["slip_speed_m_s"] = sheet.pulley_radius_m * data["pulley_speed_rad_s"]
     over_force(axes, data, "mu")
     return (
@@ -93,10 +110,10 @@ def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the nodes of the surface over the force, a line per speed."""
     surface = sheet.surface
     f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
-    data = {"normal_force_N_m": f.ravel(), "slip_speed_m_s": v.ravel()}
-    data["mu"] = surface.mu_nodes.ravel()
+    columns = {"normal_force_N_m": f, "slip_speed_m_s": v, "mu": surface.mu_nodes}
     if surface.mu_se_nodes is not None:
-        data["mu_se"] = surface.mu_se_nodes.ravel()
+        columns["mu_se"] = surface.mu_se_nodes
+    data = {name: values.ravel() for name, values in columns.items()}
     over_force(axes, data, "mu", "mu_se" if "mu_se" in data else "")
     return f"A line per speed of the grid, with twice the {sheet.uncertainty}."
 
@@ -122,27 +139,32 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw contours of the surface over force and speed, with the measured points."""
     from matplotlib.ticker import MaxNLocator
 
-    surface, friction = sheet.surface, results.get("friction")
+    surface = sheet.surface
     f, v, mu = grid_of(surface, 81, 61)
     low, high = float(mu.min()), float(mu.max())
     if high - low < 1e-6 * high:
         low, high = 0.99 * low, 1.01 * high
     levels = MaxNLocator(LEVELS).tick_values(low, high)
-    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=style.ORDERED)
+    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
     lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
     axes.clabel(lines, fontsize=10, fmt="%g")
+    said = "µ does not fall with the speed anywhere."
     falling = falls_with_speed(surface, f, v)
     if falling.any():
-        shown = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
+        shown: Any = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
         axes.contourf(f, v * MILLI, falling.T.astype(float), **shown)
         axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
+        said = (
+            f"Hatched, {100.0 * falling.mean():.0f} % of the box: µ falls with the speed, and "
+            "sliding can excite noise and stick-slip."
+        )
     box_f = surface.normal_force_N_m[[0, -1, -1, 0, 0]]
     box_v = surface.slip_speed_m_s[[0, 0, -1, -1, 0]] * MILLI
-    axes.plot(box_f, box_v, "-", color=style.INK, lw=1.6, label="range of validity")
-    if friction is not None:
+    axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+    if friction := results.get("friction"):
         good = friction["status"] == "ok"
         runs = friction["normal_force_N_m"][good], MILLI * np.abs(friction["slip_speed_m_s"][good])
-        look = {"mfc": "none", "mec": style.SIMULATED, "ms": 4, "mew": 1.1}
+        look = {"mfc": "none", "mec": charts.SIMULATED, "ms": 4, "mew": 1.1}
         axes.plot(*runs, "o", label="measured runs (mean of Eq. 8)", **look)
     axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
     logarithmic(axes, "y")
@@ -152,19 +174,9 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.figure.colorbar(filled, ax=axes, label=MU)
     forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
     speeds = class_name(MILLI * surface.slip_speed_m_s)
-    said = [f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used."]
-    if falling.any():
-        said.append(
-            f"Hatched, {100.0 * falling.mean():.0f} % of the box: µ falls with the speed, and "
-            "sliding can excite noise and stick-slip."
-        )
-    else:
-        said.append("µ does not fall with the speed anywhere.")
     if sheet.name == "surface_refined":
-        said.append(
-            "The box is wider than the circles: local forces in the contact exceed the mean."
-        )
-    return " ".join(said)
+        said += " The box is wider than the circles: local forces in the contact exceed the mean."
+    return f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used. {said}"
 
 
 def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -184,7 +196,7 @@ def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
     x, y = np.meshgrid(f, v * MILLI, indexing="ij")
     look = {"lw": 0.25, "edgecolor": "#00000055", "rcount": 25, "ccount": 21}
-    axes.plot_surface(x, y, mu, cmap=style.ORDERED, **look)
+    axes.plot_surface(x, y, mu, cmap=ORDERED, **look)
     axes.set_xlabel(LINE_FORCE, labelpad=9)
     axes.set_ylabel(SPEED, labelpad=9)
     axes.locator_params(axis="x", nbins=4)
@@ -225,7 +237,7 @@ def _cut(
         x = np.geomspace(x[0], x[-1], POINTS) if x[0] > 0.0 else x
         at = {along: x, across: np.full(x.size, value)}
         at |= {"mu": sheet.surface.mu(**at), "mu_se": sheet.surface.mu_se_at(**at)}
-        look = style.group(i, label=belt, markevery=max(1, x.size // 8))
+        look = group(i, label=belt, markevery=max(1, x.size // 8))
         draw(axes, at, along, "mu", band="mu_se", **look)
         if not nodes[0] <= value <= nodes[-1]:
             beyond.append(belt)

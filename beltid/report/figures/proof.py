@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.errors import counted, percent
 from beltid.identify.estimators import snap_to_settings
-from beltid.report import style
 from beltid.report.cells import sentence
-from beltid.report.charts import MILLI, NotDrawn, broken, chart, draw
-from beltid.report.conditions import class_name, classes_of, is_setting
+from beltid.report.charts import (
+    FAINT,
+    GROUPS,
+    INK,
+    MARKERS,
+    MEASURED,
+    MILLI,
+    SIMULATED,
+    NotDrawn,
+    chart,
+    draw,
+    shades,
+)
 from beltid.report.figures.friction import MOST_SPEEDS
-from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
-
-COLOURS: Final = {
-    "compare": style.MEASURED,
-    "compare_refined": style.SIMULATED,
-    HELD_OUT: style.SIMULATED,
-}
-SIMULATED_WITH: Final = {
-    **{name: f"{LABELS[name]} surface" for name in COMPARED},
-    HELD_OUT: "runs left out and predicted",
-}
+from beltid.report.results import (
+    COMPARED,
+    HELD_OUT,
+    LABELS,
+    SURFACES,
+    BeltResults,
+    Sheet,
+    class_name,
+    is_setting,
+    settings_of,
+)
 
 
 @chart("averaged:{name}", "Measured against simulated", HELD_OUT, *COMPARED, paper="Fig. 17")
@@ -41,36 +52,27 @@ def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
         surface = results.get(SURFACES[COMPARED.index(sheet.name)])
     if surface is not None:
         data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], radius * omega)
-    by_speed = classes_of(omega, MOST_SPEEDS)
-    for colour, at in zip(style.shades(len(by_speed)), by_speed, strict=True):
+    by_speed = settings_of(omega, MOST_SPEEDS)
+    for colour, at in zip(shades(len(by_speed)), by_speed, strict=True):
         named = is_setting(omega[at])
         label = f"ω = {class_name(omega[at])} rad/s"
         if radius > 0.0:
             label = f"v = {class_name(MILLI * radius * omega[at])} mm/s"
-        look: Any = {
-            "color": colour,
-            "marker": "s",
-            "ls": "none",
-            "ms": 4,
-            "capsize": 2,
-            "label": label,
-        }
-        draw(axes, data, "normal_force_N_m", "mu_measured", at, err="se", **look)
+        look: Any = {"color": colour, "marker": "s", "ls": "none", "ms": 4, "capsize": 2}
+        draw(axes, data, "normal_force_N_m", "mu_measured", at, err="se", label=label, **look)
         look = {"color": colour, "marker": "o", "ls": "-" if named else "none", "mfc": "none"}
         band = "band" if named and "band" in data else ""
         draw(axes, data, "normal_force_N_m", "mu_simulated", at, band=band, ms=8, **look)
-    axes.plot([], [], "s", color=style.FAINT, label="measured")
-    axes.plot([], [], "-o", color=style.FAINT, mfc="none", ms=8, label="simulated")
+    axes.plot([], [], "s", color=FAINT, label="measured")
+    axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
     said = "Means over the arcs. Squares: measured, with two standard errors; circles: simulated"
     if surface is not None:
         said += f"; band: twice the {surface.uncertainty} of the surface"
-    overall = sheet.overall
-    if overall.get("rms_percent") is not None:
-        said += (
-            f". Over {counted(overall['n_points'], 'run')}: {overall['rms_percent']:.2f} % RMS, "
-            f"{overall['largest_percent']:.2f} % at worst"
-        )
-    return f"Measured against simulated, {SIMULATED_WITH[sheet.name]}", f"{said}."
+    if sheet.overall.get("rms_percent") is not None:
+        worst = sheet.overall["largest_percent"]
+        runs = counted(sheet.overall["n_points"], "run")
+        said += f". Over {runs}: {sheet.rms_percent} % RMS, {worst:.2f} % at worst"
+    return f"Measured against simulated, {sheet.label}", f"{said}."
 
 
 def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -118,34 +120,31 @@ def over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         stated = one.facts.get("validation") or {}
         if stated.get("n"):
             inside = f"{stated['within_2u']} of {stated['n']} runs within."
-            said.append(f"{sentence(SIMULATED_WITH[one.name])}: {inside}")
+            said.append(f"{sentence(one.label)}: {inside}")
     axes.set_ylabel("difference over its standard uncertainty [-]")
     for bound in (-2.0, 2.0):
-        axes.axhline(bound, color=style.INK, lw=0.8, ls="--")
+        axes.axhline(bound, color=INK, lw=0.8, ls="--")
     return " ".join(said)
 
 
 def _run_by_run(axes: Any, sheet: Sheet, values: np.ndarray) -> None:
     """Draw a value of every run over its normal force: marker by arc, colour by surface."""
     data = {"normal_force_N_m": sheet["normal_force_N_m"], "mu": values}
-    colour, arc = COLOURS[sheet.name], sheet["arc_deg"]
-    look: Any = {
-        "ls": "none",
-        "color": colour,
-        "mfc": "none" if sheet.name == "compare" else colour,
-    }
-    for marker, rows in zip(style.MARKERS, classes_of(arc, len(style.MARKERS)), strict=False):
+    colour, arc = MEASURED if sheet.name == "compare" else SIMULATED, sheet["arc_deg"]
+    filled = "none" if sheet.name == "compare" else colour
+    look: Any = {"ls": "none", "color": colour, "mfc": filled}
+    for marker, rows in zip(MARKERS, settings_of(arc, len(MARKERS)), strict=False):
         name = f"{LABELS.get(sheet.name, 'predicted')}, arc {class_name(arc[rows])}°"
         draw(axes, data, "normal_force_N_m", "mu", rows, marker=marker, label=name, **look)
-    axes.axhline(0.0, color=style.INK, lw=0.8)
+    axes.axhline(0.0, color=INK, lw=0.8)
 
 
 COMBINED: Final = "combined"
 MOST_SOURCES: Final = 8
 BASES: Final = {
-    "fitted": ("from the data", style.GROUPS[0], ""),
-    "stated": ("stated in the config", style.GROUPS[2], "..."),
-    "assumed": ("assumed (default)", style.GROUPS[6], "///"),
+    "fitted": ("from the data", GROUPS[0], ""),
+    "stated": ("stated in the config", GROUPS[2], "..."),
+    "assumed": ("assumed (default)", GROUPS[6], "///"),
 }
 OF: Final = {
     "surface_refined": "of µ on the refined surface",
@@ -162,33 +161,30 @@ def budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     if not rows:
         raise NotDrawn(f"{sheet.name}.parquet has no budget")
     rows = [row for row in rows if row["quantity"] == rows[0]["quantity"]]
-    size = {row["source"]: float(row["contribution_percent"] or 0.0) for row in rows}
-    single = sorted(
-        (row for row in rows if row["source"] != COMBINED), key=lambda row: -size[row["source"]]
-    )
-    total = next((row for row in rows if row["source"] == COMBINED), None)
-    shown = single[:MOST_SOURCES]
-    axes.figure.set_figheight(1.3 + 0.32 * (len(shown) + 1))
-    for basis, (words, colour, hatch) in BASES.items():
-        at = [i for i, row in enumerate(shown) if row["basis"] == basis]
-        look = {"color": colour, "hatch": hatch, "edgecolor": style.INK, "lw": 0.6}
-        if at:
-            axes.barh(at, [size[shown[i]["source"]] for i in at], 0.7, label=words, **look)
-    names = [str(row["source"]) for row in shown]
+    rows.sort(key=lambda row: -float(row["contribution_percent"] or 0.0))
+    single = [row for row in rows if row["source"] != COMBINED]
+    total = [row for row in rows if row["source"] == COMBINED][:1]
+    shown = single[:MOST_SOURCES] + total
+    axes.figure.set_figheight(1.3 + 0.32 * max(len(shown), 2))
+    size = [float(row["contribution_percent"] or 0.0) for row in shown]
     worst = ""
-    if total is not None:
-        bar = axes.barh(len(shown), size[COMBINED], 0.7, color=style.INK, label=COMBINED)
-        axes.bar_label(bar, [percent(size[COMBINED])], padding=3)
-        names.append(COMBINED)
-        if total["largest_percent"]:
-            worst = f", {percent(total['largest_percent'])} at worst"
-    axes.set_yticks(range(len(names)), [broken(name, 28) for name in names])
+    for basis, (words, colour, hatch) in BASES.items():
+        at = [i for i, row in enumerate(shown) if row["basis"] == basis and row not in total]
+        look = {"color": colour, "hatch": hatch, "edgecolor": INK, "lw": 0.6}
+        if at:
+            axes.barh(at, [size[i] for i in at], 0.7, label=words, **look)
+    if total:
+        bar = axes.barh(len(shown) - 1, size[-1], 0.7, color=INK, label=COMBINED)
+        axes.bar_label(bar, [percent(size[-1])], padding=3)
+        if total[0]["largest_percent"]:
+            worst = f", {percent(total[0]['largest_percent'])} at worst"
+    axes.set_yticks(range(len(shown)), [fill(str(row["source"]), 28) for row in shown])
     axes.invert_yaxis()
     axes.margins(x=0.16)
     axes.grid(axis="y", visible=False)
     axes.set_xlabel("standard uncertainty (k = 1) [%]")
-    hidden = len(single) - len(shown)
-    note = f" The table has {counted(hidden, 'smaller source')}." if hidden else ""
+    hidden = len(single) - MOST_SOURCES
+    note = f" The table has {counted(hidden, 'smaller source')}." if hidden > 0 else ""
     return (
         f"Uncertainty {OF[sheet.name]}",
         f"Contribution of each source, root mean square over the range of the runs{worst}. Errors "
