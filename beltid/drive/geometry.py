@@ -59,8 +59,9 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
     """
     pulleys = list(drive.pulleys)
     if arm_angle is not None and drive.tensioner is not None:
-        moved = drive.tensioner.pulley
-        x, y = arm_end(drive.tensioner, arm_angle)
+        arm, moved = drive.tensioner, drive.tensioner.pulley
+        x = arm.pivot[0] + arm.arm * math.cos(arm_angle)
+        y = arm.pivot[1] + arm.arm * math.sin(arm_angle)
         pulleys[moved] = replace(pulleys[moved], x=x, y=y)
     overlaps = [
         f"pulleys {a.name} and {b.name} overlap: their centres are "
@@ -71,23 +72,17 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
     if overlaps:
         raise InputError(overlaps)
     # the rib pulleys usually turn in the sense of the pulley order
-    area = sum(
-        a.x * b.y - b.x * a.y for a, b in zip(pulleys, [*pulleys[1:], pulleys[0]], strict=True)
-    )
-    for sense in (math.copysign(1.0, area), -math.copysign(1.0, area)):
+    neighbours = zip(pulleys[-1:] + pulleys[:-1], pulleys, strict=True)
+    twice_area = sum(a.x * b.y - b.x * a.y for a, b in neighbours)
+    for sense in (math.copysign(1.0, twice_area), -math.copysign(1.0, twice_area)):
         laid = _lay(pulleys, sense)
-        if _turns_once(laid) and not _crosses_itself(laid):
+        turns = abs(np.sum(laid.senses * laid.wraps)) / (2.0 * np.pi)
+        if abs(turns - 1.0) < 1e-7 and not _crosses_itself(laid):
             return laid
     raise InputError(
         "the belt crosses itself or does not reach a pulley: the pulleys must be listed in the "
         "order of the belt, each with its centre and the side of the belt that touches it"
     )
-
-
-def arm_end(tensioner: Tensioner, angle: float) -> tuple[float, float]:
-    """Return the centre of the pulley on the arm [m]."""
-    x, y = tensioner.pivot
-    return x + tensioner.arm * math.cos(angle), y + tensioner.arm * math.sin(angle)
 
 
 def arm_lever(tensioner: Tensioner, laid: Layout, P: Array) -> float:
@@ -115,17 +110,11 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     spans = np.sqrt(np.sum(to_next**2, axis=1) - across**2)
     angles = np.arctan2(to_next[:, 1], to_next[:, 0]) - np.arctan2(across, spans)
     wraps = np.mod(senses * (angles - preceding(angles)), 2.0 * np.pi)
-    directions, normals = np.empty_like(centres), np.empty_like(centres)
-    directions[:, 0], directions[:, 1] = np.cos(angles), np.sin(angles)
-    normals[:, 0], normals[:, 1] = -directions[:, 1], directions[:, 0]
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    normals = np.column_stack([-directions[:, 1], directions[:, 0]])
     starts = centres - offsets[:, None] * normals
     ends = starts + spans[:, None] * directions
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
-
-
-def _turns_once(laid: Layout) -> bool:
-    """Return whether the direction of the belt turns by one revolution over the loop."""
-    return bool(abs(abs(np.sum(laid.senses * laid.wraps)) - 2.0 * np.pi) < 1e-6)
 
 
 def _crosses_itself(laid: Layout) -> bool:

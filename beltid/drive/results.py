@@ -185,8 +185,8 @@ class DriveResult:
             if rod is not None:
                 f, v = rod.touching["f_N"], rod.touching["speed"]
             rows.append((v.max(), f.min(), f.max(), *outside, states))
-        *shares, counts = np.array(rows).T
-        return SlidingShares(*shares, counts.astype(np.int64))
+        shares = SlidingShares(*np.array(rows).T)
+        return shares._replace(steady_states=shares.steady_states.astype(np.int64))
 
     @property
     def friction_power(self) -> Array:

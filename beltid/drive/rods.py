@@ -10,7 +10,6 @@ until the forces no longer change, usually twice.
 from __future__ import annotations
 
 import math
-from collections import deque
 from contextlib import suppress
 from dataclasses import replace
 
@@ -33,15 +32,12 @@ Rods = tuple[FlowState | None, ...]
 SHORTEST_SPAN = 6.0  # in bending lengths: the bending at pulleys further apart does not interact
 MOST_ROUNDS = 16
 FORCE_TOLERANCE = 5e-5  # change of the span forces over the tension at rest when converged
-SLIPPING = (
-    0.02  # factor on it where a pulley slides as a whole: its speed depends on the forces more
-)
+SLIPPING = 0.02  # factor on it where a pulley slides as a whole: its speed depends on them more
 TENSION_STEP = 0.05  # of the logarithm of the tension within which tensions share a mesh
 FASTEST_WITHOUT_RANGE = 0.05  # sliding over belt speed, for friction without a speed range
 SLIDING = 0.01  # over the belt's speed, where friction is looked up for what a bent belt holds
 LEAST_END = 0.1  # share of a span force that acts along a bent belt on the pulley
 SEATED = 4.0  # lengths of the elastic bed behind the first contact after which the ribs are seated
-REMEMBERED = 12  # stored states per pulley; the next solution starts from the nearest one
 
 
 def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
@@ -75,7 +71,7 @@ class RodLevel:
         self.drive, self.strings, self.law = drive, strings, drive.law
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
         self._last: dict[tuple[float, float], LoopState] = {}
-        self._known: dict[tuple[int, float, float], tuple[FlowPulley, deque[FlowState]]] = {}
+        self._known: dict[tuple[int, float, float], FlowPulley] = {}
 
     def at_rest(self, T_0: float) -> tuple[RestState, Level]:
         """Tighten the belt at rest; return also the level, with the ends of rods laid on there."""
@@ -153,7 +149,7 @@ class RodLevel:
                 continue
             torque[i] = rod.torque - strings.torque[i]
             speed[i] = rod.W / strings.W[i]
-            span, P = self._pulley(i, rest)[0].span, np.array([rod.T_in, rod.T_out])
+            span, P = self._pulley(i, rest).span, np.array([rod.T_in, rod.T_out])
             # the far end of the computed span stays on the tangent of the circle
             of_string = span / self.drive.stretch(P, v0) + self._bent(i, level, P, span)
             length += rod.length - float(strings.length[i] + of_string.sum())
@@ -169,7 +165,7 @@ class RodLevel:
         """Return the length at an end of an arc over (EI/P)^1.5, that of a rod laid on [1/m²]."""
         if not self.drive.pulleys[i].ribs:
             return 1.0 / (12.0 * self.drive.pulleys[i].R ** 2)  # of a rigid pulley
-        (rod, _), s = self._pulley(i, rest), self.strings.sections[i]
+        rod, s = self._pulley(i, rest), self.strings.sections[i]
         stretch, radius = seat(rod.tension, 0.0, s)
         own = 0.5 * rod.laid.stretch * rod.model.path.length
         own -= (rod.span + 0.5 * rod.wrap * radius) / stretch
@@ -181,7 +177,7 @@ class RodLevel:
 
         It leaves the pulley at an angle psi to its force, (T15), with a concentrated friction.
         """
-        (pulley, _), EI = self._pulley(i, rest), self.drive.belt.EI
+        pulley, EI = self._pulley(i, rest), self.drive.belt.EI
         mu = friction(pulley.surface, rod.T_in / pulley.R, SLIDING * rod.v0)[0]
         P = np.array([max(rod.T_in, rod.T_out), min(rod.T_in, rod.T_out)])
         psi = np.arccos(np.maximum(1.0 - EI / (2.0 * P * pulley.R**2), 0.0))
@@ -197,28 +193,26 @@ class RodLevel:
             if not pulley.ribs:
                 rods.append(None)
                 continue
-            (rod, known), v0 = self._pulley(i, rest), state.v0
+            rod, v0 = self._pulley(i, rest), state.v0
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
-            start = min(known, key=lambda other: _distance(other, P_in, P_out, v0), default=None)
+            start = rod.nearest(v0, P_in, P_out)
             other = near.rods[i] if near is not None and near.rods else None
             if other is not None and other.q.size == 4 * rod.model.nodes.size:
                 start = other
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
             except ConvergenceError:
-                fastest = (
-                    self.fastest if math.isfinite(self.fastest) else FASTEST_WITHOUT_RANGE * v0
-                )
+                no_range = FASTEST_WITHOUT_RANGE * v0
+                fastest = self.fastest if math.isfinite(self.fastest) else no_range
                 ahead = math.copysign(fastest, P_in - P_out) / rod.R
                 found = flow(rod, v0, P_in, omega=float(state.arcs.rate[i]) * v0 + ahead)
                 if abs(math.log(P_out / P_in)) < abs(math.log(found.T_out / P_in)):
                     raise  # friction could hold the forces
-            known.append(found)
             rods.append(found)
         return tuple(rods)
 
-    def _pulley(self, i: int, rest: RestState) -> tuple[FlowPulley, deque[FlowState]]:
-        """Return the rod of a pulley, and states of it; similar tensions share a mesh."""
+    def _pulley(self, i: int, rest: RestState) -> FlowPulley:
+        """Return the rod of a pulley; similar tensions share a mesh."""
         drive, spans, wrap = self.drive, rest.laid.spans, float(rest.laid.wraps[i])
         tension = math.exp(round(math.log(rest.T_0) / TENSION_STEP) * TENSION_STEP)
         if (i, wrap, tension) not in self._known:
@@ -226,7 +220,7 @@ class RodLevel:
             span = max(0.5 * float(min(spans[i], spans[i - 1])), shortest)
             R = drive.pulleys[i].R
             rod = FlowPulley(drive.belt, self.law, drive.friction, R, wrap, span, tension)
-            self._known[i, wrap, tension] = rod, deque(maxlen=REMEMBERED)
+            self._known[i, wrap, tension] = rod
         return self._known[i, wrap, tension]
 
     def _whole_slip(self, i: int, rod: FlowState) -> float:
@@ -238,9 +232,3 @@ class RodLevel:
         behind = (points["theta"] - points["theta"][0]) * self.drive.pulleys[i].R
         seated = behind >= SEATED * (self.drive.belt.EI / stiffness) ** 0.25
         return abs(float(points["slip"][np.argmax(seated) if seated.any() else -1]))
-
-
-def _distance(state: FlowState, P_in: float, P_out: float, v0: float) -> float:
-    """Return how far a state is from forces and a flow."""
-    steps = (state.T_in / P_in, state.T_out / P_out, state.v0 / v0)
-    return sum(abs(math.log(step)) for step in steps)

@@ -224,7 +224,7 @@ class Level:
             arc(P, Q, v0, wrap, most, s)
             for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
-        arcs = Arcs(*np.array(rows).T, room)
+        arcs = Arcs(*np.vstack([np.array(rows).T, room]))
         return arcs._replace(
             torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
         )

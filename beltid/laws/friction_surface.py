@@ -182,13 +182,12 @@ class FrictionSurface:
         f, v = _points(normal_force_N_m, slip_speed_m_s)
         f_low, f_high = _range_of(self.normal_force_N_m)
         v_low, v_high = _range_of(self.slip_speed_m_s)
-        inside = (f >= f_low) & (f <= f_high) & (np.abs(v) >= v_low) & (np.abs(v) <= v_high)
-        return inside[()]
+        speed = np.abs(v)
+        return ((f >= f_low) & (f <= f_high) & (speed >= v_low) & (speed <= v_high))[()]
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the standard error of mu from scatter [-] bilinearly; nan where unknown."""
-        unknown = np.full(self.mu_nodes.shape, np.nan)
-        se = unknown if self.mu_se_nodes is None else self.mu_se_nodes
+        se = np.full_like(self.mu_nodes, np.nan) if self.mu_se_nodes is None else self.mu_se_nodes
         return self._bilinear(se[..., None], normal_force_N_m, slip_speed_m_s)[..., 0][()]
 
     def mu_u(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
@@ -254,14 +253,11 @@ class FrictionSurface:
     def _corners(self, nodes: Array, f: ArrayLike, v: ArrayLike) -> list[tuple[Array, Array]]:
         """Return weight (..., 1) and values (..., r) of the four neighbouring nodes."""
         (i, s, _), (j, t, _) = self._places(*_points(f, v))
-        last_row, last_column = len(nodes) - 1, nodes.shape[1] - 1
+        after_i, after_j = np.minimum(i + 1, len(nodes) - 1), np.minimum(j + 1, nodes.shape[1] - 1)
         return [
-            (
-                (weight_f * weight_v)[..., None],
-                nodes[np.minimum(row, last_row), np.minimum(column, last_column)],
-            )
-            for row, weight_f in ((i, 1.0 - s), (i + 1, s))
-            for column, weight_v in ((j, 1.0 - t), (j + 1, t))
+            ((weight_f * weight_v)[..., None], nodes[row, column])
+            for row, weight_f in ((i, 1.0 - s), (after_i, s))
+            for column, weight_v in ((j, 1.0 - t), (after_j, t))
         ]
 
     @property

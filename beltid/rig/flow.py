@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
 FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
 LEAST_SHARE = 1.0 / 64  # of the way to the given forces in one stage
 MOST_ITERATIONS = 16
+REMEMBERED = 12  # states per pulley
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class FlowPulley:
     wrap: float  # angle between the tangent points [rad]
     span: float  # length of belt on each side that is computed with the pulley [m]
     tension: float  # typical span force [N]: that of the mesh and of the belt at rest
+    states: deque[FlowState] = field(default_factory=lambda: deque(maxlen=REMEMBERED))  # found
 
     @functools.cached_property
     def model(self) -> RigModel:
@@ -62,6 +65,15 @@ class FlowPulley:
     def laid(self) -> StaticState:
         """The belt at rest, laid on without friction and tightened to ``tension``."""
         return lay_on(self.model)
+
+    def nearest(self, v0: float, T_in: float, T_out: float) -> FlowState | None:
+        """Return the state found with the most similar flow and forces, if there is any."""
+
+        def distance(state: FlowState) -> float:
+            steps = (state.T_in / T_in, state.T_out / T_out, state.v0 / v0)
+            return sum(abs(math.log(step)) for step in steps)
+
+        return min(self.states, key=distance, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +126,8 @@ def flow(
             f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
             f"{v0:g} m/s, {T_in:g} N: no steady running found"
         )
-    return search.found()
+    pulley.states.append(search.found())
+    return pulley.states[-1]
 
 
 class _Search:

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rig.banded import HALF, WIDTH, factorize, kernel, solve
+from beltid.rig.banded import HALF, factorize, kernel, solve
 from beltid.rig.belt import Section, add_belt, add_inertia
 from beltid.rig.contact import Pulley, add_contact
 from beltid.rig.mesh import Mesh
@@ -90,14 +90,10 @@ def held_row(i: int, n: int) -> int:
 def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
     """Assemble residual, tangent and columns at ``s.q``, ``s.u``; return the changes of status."""
     mesh, section, n, rate, A, r = system.mesh, system.section, s.q.size, motion.rate, s.A, s.r
-    for i in range(n):
-        r[i] = s.columns[0, i] = s.columns[1, i] = 0.0
-        for j in range(WIDTH):
-            A[i, j] = 0.0
+    r[:], s.columns[:], A[:] = 0.0, 0.0, 0.0
     add_belt(mesh, section, s, rate)
     if rate > 0.0:
-        for i in range(n):
-            s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
+        s.dq[:] = s.q - s.q_old - s.q_dot / rate
         add_inertia(mesh, section, s, rate)
     changes = add_contact(mesh, system.pulley, motion, s, revise)
     for end in range(2):
@@ -122,15 +118,14 @@ def hold(s: State, moves: Array) -> None:
     for i in range(4):
         row = held_row(i, n)
         s.force[i], s.kept[0, i], s.kept[1, i] = s.r[row], s.columns[0, row], s.columns[1, row]
-        for j in range(WIDTH):
-            s.rows[i, j] = s.A[row, j]
+        s.rows[i] = s.A[row]
     for i in range(4):
         row = held_row(i, n)
         s.r[row] = s.columns[0, row] = s.columns[1, row] = 0.0
         for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
             s.A[j, HALF + row - j] = 0.0
-        for j in range(WIDTH):
-            s.A[row, j] = 1.0 if j == HALF else 0.0
+        s.A[row] = 0.0
+        s.A[row, HALF] = 1.0
 
 
 @kernel
@@ -158,10 +153,9 @@ def equilibrium(
     if rate > 0.0:
         stiffest += 1e-2 * system.pulley.k_t * h_min
     miss, S, by, change, du = np.zeros(2), np.eye(2), np.zeros((2, 4)), np.zeros(4), np.zeros(2)
-    for i in range(n):
-        s.q[i] = s.q_old[i]
-        if rate > 0.0:
-            s.q[i] += s.q_dot[i] / rate
+    s.q[:] = s.q_old
+    if rate > 0.0:
+        s.q[:] += s.q_dot / rate
     for iteration in range(most):
         changes = assemble(system, motion, s, iteration > 0)
         hold(s, border.moves)
@@ -188,18 +182,14 @@ def equilibrium(
             solve(s.A, s.pivots, s.columns[kind])
             force_changes(s, s.columns[kind], kind, change)
             for k in range(unknowns):
-                S[k, j] = 0.0
-                for i in range(4):
-                    S[k, j] += by[k, i] * change[i]
+                S[k, j] = np.sum(by[k] * change)
         determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
         du[0] = (miss[0] * S[1, 1] - S[0, 1] * miss[1]) / determinant
         du[1] = (S[0, 0] * miss[1] - miss[0] * S[1, 0]) / determinant
-        for i in range(n):
-            s.r[i] = -s.r[i]
+        s.r[:] = -s.r
         for j in range(unknowns):
             kind = border.kinds[j]
-            for i in range(n):
-                s.r[i] -= du[j] * s.columns[kind, i]
+            s.r[:] -= du[j] * s.columns[kind]
             if kind == 1:
                 for i in range(4):
                     s.r[held_row(i, n)] += du[j] * border.moves[i]
@@ -207,8 +197,7 @@ def equilibrium(
         for i in range(n):
             longest = LONGEST_STEP * (R if i % 4 < 2 else 1.0)
             factor = min(factor, longest / max(abs(s.r[i]), 1e-30))
-        for i in range(n):
-            s.q[i] += factor * s.r[i]
+        s.q[:] += factor * s.r
         for j in range(unknowns):
             s.u[border.kinds[j]] += factor * du[j]
     return -1, error / max(1e-30, math.hypot(s.force[0], s.force[1]))
@@ -229,19 +218,19 @@ def march(
 
     A step that has no solution is taken in two, four, eight ... parts.
     """
+    s.now[:] = s.last
     for number, step in enumerate(record):
         parts, done = 1, 0
         while done < parts:
             motion = Motion(parts / float(step["dt"]), float(step["omega"]))
             s.q_old[:], moved = s.q, float(s.u[1])
-            s.now["sticks"], s.now["sign"] = s.last["sticks"], s.last["sign"]
             spent, step["residual"] = solver(system, motion, border, s, MOST_IN_TIME)
             step["iterations"] += spent if spent >= 0 else MOST_IN_TIME
             if spent < 0:
                 step["halvings"] += 1
                 if step["halvings"] > MOST_HALVINGS:
                     return number
-                s.q[:], s.u[1] = s.q_old, moved
+                s.q[:], s.u[1], s.now[:] = s.q_old, moved, s.last
                 parts, done = 2 * parts, 2 * done
                 continue
             done += 1
