@@ -320,15 +320,15 @@ def _match(
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Average the repetitions of each arc, then the arcs of each tension and speed."""
-    from pandas import DataFrame  # slow to import
-
-    data = DataFrame({name: real[name] for name in NUMBERS[1:-1]})
-    data["mu_measured"], data["mu_simulated"] = real["mu_sliding"], mu_simulated
+    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated])
     names = ("nominal_tension_N", "pulley_speed_rad_s")
     settings = [settings_of(real[name], SAME_SETTING[name]) for name in names]
-    of_setting = data.groupby([*settings, arcs]).mean().groupby(level=[0, 1])
-    columns: Columns = {str(name): x.to_numpy() for name, x in of_setting.mean().items()}
-    columns["n_arcs"] = of_setting.size().to_numpy()
+    cells, of_run = np.unique([*settings, arcs], axis=1, return_inverse=True)
+    _, of_cell = np.unique(cells[:2], axis=1, return_inverse=True)
+    for label in (of_run, of_cell):
+        data = np.array([np.bincount(label, x) for x in data]) / np.bincount(label)
+    columns: Columns = dict(zip((*NUMBERS[1:-1], "mu_measured", "mu_simulated"), data, strict=True))
+    columns["n_arcs"] = np.bincount(of_cell)
     columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
     columns["relative_difference"] = columns["difference"] / columns["mu_measured"]
     return columns

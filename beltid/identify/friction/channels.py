@@ -97,7 +97,10 @@ def read_channels(record: RunRecord) -> Channels:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
     return Channels(
-        *columns,
+        time_s=columns[0],
+        tensions=columns[1],
+        speed=columns[2],
+        temperature=columns[3],
         n_spikes=int(np.count_nonzero(spikes.any(axis=1))),
         n_missing=int(np.count_nonzero(lost)) + n - t.size,
         rounding_N=rounding_N,

@@ -91,8 +91,8 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        none = dict.fromkeys(("end_se_N", "imbalance_N", "imbalance_se_N"), 0.0)
-        rest = replace(rest, tension_N=W, end_N=W, **none)
+        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
+        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
