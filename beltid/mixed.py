@@ -41,6 +41,7 @@ from beltid.errors import NumericsError
 Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
+LEAST_CURVED = 1e-4  # magnitude of a curvature, in units of its diagonal, that a step divides by
 SMALLEST = -300.0  # ln of a size, whose inverse square is still a number
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 
@@ -333,9 +334,8 @@ class Mixed:
                 break
             try:
                 step = -_solve(H - _diagonal(positive * pull), slope[..., None])[..., 0]
-            except NumericsError:  # not convex here
-                convex = H + _diagonal(positive * np.maximum(-pull, 0.0))
-                step = -_solve(convex, slope[..., None])[..., 0]
+            except NumericsError:
+                step = -_away_from_saddles(H - _diagonal(positive * pull), slope)
             fall = -step[:, positive].min(axis=1, initial=0.0)
             part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
             while True:
@@ -374,6 +374,14 @@ class Mixed:
 def _diagonal(x: Array) -> Array:
     """Return diagonal matrices (K, k, k) of the rows of x (K, k)."""
     return np.asarray(x[:, :, None] * np.eye(x.shape[1]))
+
+
+def _away_from_saddles(H: Array, slope: Array) -> Array:
+    """Solve with the magnitudes of the curvatures where H (K, k, k) is not convex, (K, k)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.einsum("kii->ki", H)), 1e-300))
+    curvature, V = np.linalg.eigh(H * scale[:, :, None] * scale[:, None, :])
+    along = np.einsum("kji,kj->ki", V, scale * slope) / np.maximum(np.abs(curvature), LEAST_CURVED)
+    return np.asarray(scale * np.einsum("kij,kj->ki", V, along))
 
 
 def _solve(H: Array, B: Array) -> Array:

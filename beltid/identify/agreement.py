@@ -158,11 +158,16 @@ class AgreementResult:
     @property
     def verdict(self) -> str:
         """The outcome in plain words, each tolerance with what was found."""
-        judged = [r for r in self.verdict_table() if r["tolerance"] in WORDS or not r["holds"]]
-        words = ", ".join(_in_words(row) for row in judged)
-        text = f"{'PASS' if self.passed else 'FAIL'}: {words}"
-        ratio = self.rms_error_over_uncertainty
-        if ratio > UNEXPLAINED:
+        words = []
+        for row in self.verdict_table():
+            name, holds, found = row["tolerance"], row["holds"], 100.0 * row["found"]
+            allowed = f"{100.0 * row['allowed']:g} %"
+            if name in WORDS:
+                words.append(f"{WORDS[name]} {found:.2f} % {'<=' if holds else '>'} {allowed}")
+            elif not holds:
+                words.append(f"runs compared {found:.0f} % < {allowed}")
+        text = f"{'PASS' if self.passed else 'FAIL'}: {', '.join(words)}"
+        if (ratio := self.rms_error_over_uncertainty) > UNEXPLAINED:
             text += f"; FAIL of the uncertainty: the differences are {ratio:.2g} times as large"
         return text
 
@@ -187,7 +192,7 @@ class AgreementResult:
         """Return the columns of the comparison table, one row per matched point."""
         return {name: getattr(self, name) for name in COLUMNS}
 
-    def verdict_table(self) -> list[dict[str, object]]:
+    def verdict_table(self) -> list[dict[str, Any]]:
         """Return one row per active tolerance, for printing; a nan figure never holds."""
         figures = {
             "max_rms_relative_error": self.overall.rms,
@@ -195,20 +200,12 @@ class AgreementResult:
             "max_relative_error": self.overall.largest,
             SHARE_COMPARED: self.share_compared,
         }
-        rows: list[dict[str, object]] = []
+        rows: list[dict[str, Any]] = []
         for name, allowed in self.tolerances.items():
             found = figures[name]
             holds = bool(found >= allowed if name == SHARE_COMPARED else found <= allowed)
             rows.append({"tolerance": name, "found": found, "allowed": allowed, "holds": holds})
         return rows
-
-
-def _in_words(row: Mapping[str, Any]) -> str:
-    """Put a row of the table of verdicts into words."""
-    found, allowed = 100.0 * row["found"], f"{100.0 * row['allowed']:g} %"
-    if row["tolerance"] == SHARE_COMPARED:
-        return f"runs compared {found:.0f} % < {allowed}"
-    return f"{WORDS[row['tolerance']]} {found:.2f} % {'<=' if row['holds'] else '>'} {allowed}"
 
 
 def compare_points(
@@ -323,15 +320,15 @@ def _match(
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Average the repetitions of each arc, then the arcs of each tension and speed."""
-    from pandas import DataFrame  # slow to import
-
-    data = DataFrame({name: real[name] for name in NUMBERS[1:-1]})
-    data["mu_measured"], data["mu_simulated"] = real["mu_sliding"], mu_simulated
+    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated])
     names = ("nominal_tension_N", "pulley_speed_rad_s")
     settings = [settings_of(real[name], SAME_SETTING[name]) for name in names]
-    of_setting = data.groupby([*settings, arcs]).mean().groupby(level=[0, 1])
-    columns: Columns = {str(name): x.to_numpy() for name, x in of_setting.mean().items()}
-    columns["n_arcs"] = of_setting.size().to_numpy()
+    cells, of_run = np.unique([*settings, arcs], axis=1, return_inverse=True)
+    _, of_cell = np.unique(cells[:2], axis=1, return_inverse=True)
+    for label in (of_run, of_cell):
+        data = np.array([np.bincount(label, x) for x in data]) / np.bincount(label)
+    columns: Columns = dict(zip((*NUMBERS[1:-1], "mu_measured", "mu_simulated"), data, strict=True))
+    columns["n_arcs"] = np.bincount(of_cell)
     columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
     columns["relative_difference"] = columns["difference"] / columns["mu_measured"]
     return columns

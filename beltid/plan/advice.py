@@ -274,9 +274,10 @@ def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Reg
         number.append(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)))
     for third in np.unique(number, axis=1).T:
         here = np.all(third == np.array(number).T, axis=1)
-        ranges = [(float(x[here].min()), float(x[here].max())) for x in axes]
-        parts = [np.average(x[here], weights=target.weight[here]) for x in (before, after)]
-        regions.append(Region(*ranges, *np.sqrt(parts).tolist()))
+        force, speed = ((float(x[here].min()), float(x[here].max())) for x in axes)
+        weight = target.weight[here]
+        u = np.sqrt([np.average(x[here], weights=weight) for x in (before, after)])
+        regions.append(Region(force, speed, float(u[0]), float(u[1])))
     return tuple(regions)
 
 

@@ -139,14 +139,12 @@ class RefinedSurface:
     def convergence_warnings(self) -> tuple[str, ...]:
         """Return a sentence for each iteration that did not converge."""
         sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
-        lines = () if self.fit.posterior.converged else (sizes,)
-        if not self.fit.still_changing:
-            return lines
-        return (
-            *lines,
+        changing = (
             f"no convergence in {self.iterations} iterations: last change of mu "
-            f"{percent(100 * self.fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
+            f"{percent(100 * self.fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
+        happened = {sizes: not self.fit.posterior.converged, changing: self.fit.still_changing > 0}
+        return tuple(line for line, is_so in happened.items() if is_so)
 
     def effect(self, key: str) -> EstimatedEffect | None:
         """Look up an effect by its key; None if the runs cannot show it."""
@@ -353,7 +351,7 @@ class Problem:
         curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         columns = {name: Z for name, Z in curves.coordinates().items() if Z.shape[1]}
         ends = np.cumsum([0, *(Z.shape[1] for Z in columns.values())]).tolist()
-        places = zip(columns, ends[:-1], ends[1:], strict=True)
+        places = zip(columns, ends, ends[1:], strict=False)
         return cls(
             rig=rig,
             curves=curves,
@@ -513,33 +511,28 @@ class ShownEffect:
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes: dict[str, float] = {}
-    means, _ = found.stated_errors()
-    for source, size in zip(found.stated, np.abs(means).tolist(), strict=True):
-        if size > CLEAR:
-            sizes[source.name] = max(size, sizes.get(source.name, 0.0))
-    return sizes
+    sizes = np.abs(found.stated_errors()[0]).tolist()
+    rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
+    return {source.name: size for size, source in rising if size > CLEAR}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
     values = np.concatenate([np.zeros(0), *(entry.values for entry in found.effects)])
-    covariance = found.effects_covariance
-    rows: dict[str, Array] = {}
-    first = 0
-    for entry in found.effects:
-        rows[entry.effect.key] = np.eye(values.size)[first : first + entry.values.size]
-        first += entry.values.size
+    ends = np.cumsum([0, *(entry.values.size for entry in found.effects)]).tolist()
+    columns = {entry.effect.key: entry.effect.columns for entry in found.effects}
+    places = zip(columns, ends, ends[1:], strict=False)
+    rows = {key: np.eye(values.size)[a:b] for key, a, b in places}
 
     def change(weights: Array) -> tuple[float, float]:
         """Return a weighted sum of the numbers and its standard uncertainty."""
         w = np.ravel(weights)
-        return float(w @ values), float(np.sqrt(w @ covariance @ w))
+        return float(w @ values), float(np.sqrt(w @ found.effects_covariance @ w))
 
     def weighed(effect: ShownEffect) -> ShownEffect:
         """Add the share that the surface explains and, if it is large, the evidence for it."""
         keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
-        entry = found.effect(ORDER if effect.key == TOGETHER else effect.key)
+        entry = found.effect(keys[0])
         if entry is not None and effect.key != ARC:
             effect = replace(effect, explained=entry.explained)
         if effect.is_large:  # this takes a search
@@ -548,17 +541,16 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
 
     shown = []
     if ARC in rows:
-        arcs_deg, pairs = found.campaign.measured.arcs_deg, []
+        arcs_deg, pairs = found.campaign.measured.arcs_deg.tolist(), []
         for low, high in itertools.permutations(range(len(arcs_deg)), 2):
-            between = tuple(arcs_deg[[low, high]].tolist())
-            pairs.append(ShownEffect(ARC, *change(rows[ARC][high] - rows[ARC][low]), between))
+            size = change(rows[ARC][high] - rows[ARC][low])
+            pairs.append(ShownEffect(ARC, *size, (arcs_deg[low], arcs_deg[high])))
         shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
     shown += [weighed(ShownEffect(k, *change(rows[k]))) for k in (ORDER, TEMPERATURE) if k in rows]
-    columns = {entry.effect.key: entry.effect.columns for entry in found.effects}
     if COURSE in rows:
         of_runs = columns[COURSE] @ rows[COURSE]
         size = np.sqrt(np.mean(np.square(of_runs @ values)))
-        variance = np.mean(np.einsum("nk,kl,nl->n", of_runs, covariance, of_runs))
+        variance = np.mean(np.einsum("nk,kl,nl->n", of_runs, found.effects_covariance, of_runs))
         shown.append(weighed(ShownEffect(COURSE, float(size), float(np.sqrt(variance)))))
     if ORDER in rows and TEMPERATURE in rows:
         # add the effect of the temperature's linear trend over the campaign

@@ -207,22 +207,28 @@ class Measured:
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
         """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
         kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
+        # of m v², subtracted from all tensions; the belt has the gain error of the pulley's speed
+        by_mass = errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed")
+
+        def cell(number: int, tension: Array) -> Array:
+            gain = errors.at("tension_gain") + errors.at("cell_gain", number)
+            zero = errors.at("cell_offset", number) - self.momentum * by_mass
+            return np.asarray(tension + (tension + self.momentum) * gain + zero)
+
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
-        T_0 = [self._cell(errors, cell, self.T_0) for cell in (0, 1)]
+        T_0 = [cell(number, self.T_0) for number in (0, 1)]
         if kind.measures == "torque_hub":
             spans = replace(
                 kind.spans,
                 EI=kind.spans.EI * (1.0 + errors.at("bending_stiffness")),
                 length=kind.spans.length + errors.at("span_length"),
             )
-            hub = hub_force(self.tight, self.slack, self.beta, self.R, kind.spans)
-            hub = self._cell(errors, 0, hub)
+            hub = cell(0, hub_force(self.tight, self.slack, self.beta, self.R, kind.spans))
             return (*tensions_by_hub_force(M, hub, beta, R, spans), T_0[0])
-        tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
         lag = errors.at("cell_hysteresis")  # the tight cell rises and reads too little
-        tight = tight + lag * (self.tight - self.T_0)
-        slack = slack - lag * (self.T_0 - self.slack)
+        tight = cell(0, self.tight) + lag * (self.tight - self.T_0)
+        slack = cell(1, self.slack) - lag * (self.T_0 - self.slack)
         if kind.measures == "torque":
             is_tight = self.torque_with_tight
             if is_tight is None:
@@ -233,25 +239,11 @@ class Measured:
             return tight, slack, np.where(is_tight, *T_0)
         if kind.weight is None:
             return tight, slack, 0.5 * (T_0[0] + T_0[1])
-        by_mass = self._momentum_error(errors)
         if kind.weight == "tight":
-            tight = self.tight - by_mass
+            tight = self.tight - self.momentum * by_mass
         else:
-            slack = self.slack - by_mass
-        return tight, slack, self.T_0 - by_mass
-
-    def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Return tensions with gain and zero of a cell corrected [N]; cell 0 is the tight one."""
-        zero, reading = errors.at("cell_offset", cell), tension + self.momentum
-        gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
-        return np.asarray(tension + reading * gain + zero - self._momentum_error(errors))
-
-    def _momentum_error(self, errors: Errors) -> Array | float:
-        """Return the error of m v² (n,) [N], which is subtracted from tensions of a running belt.
-
-        The speed of the belt has the gain error of the speed of the pulley.
-        """
-        return self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
+            slack = self.slack - self.momentum * by_mass
+        return tight, slack, self.T_0 - self.momentum * by_mass
 
 
 def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
@@ -397,6 +389,7 @@ def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[S
     return (*bench, *reduction_sources(measured.columns))
 
 
+U_COLUMNS = ("mu_sliding_u", "normal_force_u_N_m")
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
@@ -412,21 +405,25 @@ def friction_uncertainty(
     used, and one row per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    u_mu, u_force = np.full((2, len(columns["status"])), np.nan)
+    u = {name: np.full(len(columns["status"]), np.nan) for name in U_COLUMNS}
     lines: list[dict[str, Any]] = []
     if rows.size:  # a table may state coefficients without an arc
         measured = measured_runs(columns, rows, R, kind)
         sources = sources_of_runs(measured, given)
-        mu = changes_by(sources, lambda e: measured.corrected(e).mu) / measured.mu[:, None]
-        force = changes_by(sources, lambda e: measured.corrected(e).normal_force)
-        force = force / measured.normal_force[:, None]
-        scatter, none = measured.mu_se / measured.mu, np.zeros(rows.size)
-        u_mu[rows] = measured.mu * combined(mu, scatter)
-        u_force[rows] = measured.normal_force * combined(force, none)
-        words = "scatter of the samples"
-        lines = budget("mu_sliding", sources, mu, Scatter(words, scatter))
-        lines += budget("normal_force_N_m", sources, force, Scatter(words, none))
-    return {"mu_sliding_u": u_mu, "normal_force_u_N_m": u_force}, lines
+        value = _of_runs(measured)
+        scatter = np.stack([measured.mu_se / measured.mu, np.zeros(rows.size)])
+        changes = changes_by(sources, lambda e: _of_runs(measured.corrected(e))) / value[..., None]
+        quantities = ("mu_sliding", "normal_force_N_m")
+        for k, (name, quantity) in enumerate(zip(U_COLUMNS, quantities, strict=True)):
+            u[name][rows] = value[k] * combined(changes[k], scatter[k])
+            part = Scatter("scatter of the samples", scatter[k])
+            lines += budget(quantity, sources, changes[k], part)
+    return u, lines
+
+
+def _of_runs(measured: Measured) -> Array:
+    """Return coefficient and normal force of the runs (2, n)."""
+    return np.stack([measured.mu, measured.normal_force])
 
 
 def stiffness_uncertainty(

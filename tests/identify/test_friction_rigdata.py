@@ -55,16 +55,6 @@ def test_sticking_coefficient_meets_the_truth_at_every_speed_that_resolves_it(be
     assert np.all((reasons == "") == seen)
 
 
-@pytest.mark.parametrize("belt", QUICK_AND_LONG)
-def test_initial_tension_plateau_tensions_and_normal_force_meet_the_truth(belt: str) -> None:
-    true = truth(belt)
-    assert rms(column(belt, "initial_tension_N") - true["T0"]) < 0.08  # 0.5 N / sqrt(2 * 50) = 0.05
-    assert rms(column(belt, "tension_tight_N") / true["Td"] - 1.0) < 0.001
-    assert rms(column(belt, "tension_slack_N") / true["Tj"] - 1.0) < 0.001
-    assert rms(column(belt, "normal_force_N_m") / true["f_ref"] - 1.0) < 0.002
-    assert rms(column(belt, "slip_speed_m_s") / true["v"] - 1.0) < 0.001
-
-
 def test_known_faults_of_the_recording_are_counted() -> None:
     by_name = {run.run: run for run in reduced("5pk")}
     assert by_name["R097"].n_spikes == 3  # first sample, 3.4 s and 6.2 s

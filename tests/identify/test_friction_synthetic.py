@@ -68,20 +68,6 @@ def test_noise_free_record_with_a_constant_plateau_is_exact() -> None:
     assert "no peak" in run.mu_sticking_reason
 
 
-@pytest.mark.long
-def test_rounding_of_a_coarse_converter_is_in_the_standard_error() -> None:
-    z = []
-    for seed in range(24):
-        columns = record(BASE.but(initial=60.0 + 3.3 * seed, noise=0.4, seed=seed))
-        for name in ("tension_tight_N", "tension_slack_N"):
-            columns[name] = np.round(4.88 * np.round(columns[name] / 4.88), 2)
-        run = reduce_columns(columns)
-        if run.ok:
-            z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
-    assert len(z) >= 21
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
-
-
 def test_sticking_peak_is_null_where_it_decays_within_a_few_samples() -> None:
     for seed in range(2):
         run = reduce_recipe(BASE.but(build_up=0.001, peak=0.25, tail=0.03, seed=seed))
@@ -212,14 +198,6 @@ def test_nominal_settings_that_change_or_cannot_be_are_reasons() -> None:
     columns = table(("a", record(BASE), 82.0))
     columns["initial_tension_N"][5:] = 310.0
     assert "initial_tension_N changes" in reduce_runs(columns, 0.05)[0].status
-
-
-def test_optional_columns_may_be_missing_and_labels_may_be_numbers() -> None:
-    columns = table(("a", record(BASE), 82.0))
-    del columns["temperature_degC"], columns["initial_tension_N"]
-    (run,) = reduce_runs({**columns, "run": np.full(300, 7.0)}, 0.05)
-    assert (run.run, run.status) == ("7", "ok")
-    assert np.isnan([run.temperature_degC, run.nominal_tension_N]).all()
 
 
 @settings(max_examples=12, deadline=None)

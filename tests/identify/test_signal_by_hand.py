@@ -9,31 +9,13 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from beltid.identify.estimators import (
-    NOISE_FLOOR,
-    block_means,
     difference_sigma,
     resolution,
     rounding_of_mean,
-    running_median,
-    spike_mask,
     strongest_line,
 )
 
 NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
-
-
-def median_by_hand(x, window):
-    half = window // 2
-    mirrored = [*x[half:0:-1], *x, *x[-2 : -2 - half : -1]]
-    return [float(np.median(mirrored[i : i + window])) for i in range(len(x))]
-
-
-@pytest.mark.parametrize(("n", "window", "used"), [(20, 7, 7), (8, 7, 7), (7, 7, 7), (6, 7, 5)])
-def test_running_median_is_mirrored_at_its_ends(n, window, used):
-    x = np.random.default_rng(n).normal(size=n)
-    assert running_median(x, window) == pytest.approx(median_by_hand(list(x), used))
-    assert running_median(x[:2], window).tolist() == x[:2].tolist()
-    assert running_median(np.array([1.0, 9.0, 2.0]), window).tolist() == [9.0, 2.0, 9.0]
 
 
 def test_noise_of_alternating_and_of_coarse_samples():
@@ -95,40 +77,6 @@ def test_stated_rounding_is_no_smaller_than_the_errors_of_rounded_means(noise):
     assert rounding_of_mean([0.0, 1.0, 9.0], [2.0, 0.0, 2.0]) == pytest.approx(
         [2.0 / math.sqrt(12.0), 0.0, 0.0], abs=1e-12
     )
-
-
-def spikes_by_hand(x, threshold):
-    middle = median_by_hand(list(x), 7)
-    wide = [middle[0]] * 3 + middle + [middle[-1]] * 3
-    change = [abs(wide[i + 6] - wide[i]) for i in range(len(x))]
-    sigma = max(difference_sigma(x), 10.0 * NOISE_FLOOR * float(np.median(np.abs(x))))
-    return [abs(a - m) - c for a, m, c in zip(x, middle, change, strict=True)], sigma
-
-
-def test_a_spike_exceeds_noise_and_local_change():
-    rng = np.random.default_rng(2)
-    x = np.concatenate([np.full(20, 100.0), np.linspace(100.0, 200.0, 12), np.full(20, 200.0)])
-    for noise in (0.5, 1e-3):  # the floor of the second is 0.02
-        y = x + noise * rng.normal(size=x.size)
-        y[[3, 45]] += 30.0, -20.0
-        far, sigma = spikes_by_hand(y, 6.0)
-        for threshold in (0.5, 2.0, 6.0, 100.0, 999.0, 1001.0, 2000.0):
-            expected = [f > threshold * sigma for f in far]
-            assert spike_mask(y, threshold).tolist() == expected
-    assert not spike_mask(np.array([1.0, 1.0, 99.0, 1.0]), 0.5).any()
-    assert spike_mask(np.array([1.0, 1.0, 99.0, 1.0, 1.0]), 0.5).tolist() == [0, 0, 1, 0, 0]
-
-
-def test_blocks_are_averaged_over_the_samples_that_they_have():
-    x = np.random.default_rng(3).normal(size=(7, 2))
-    starts = np.array([0, 2, 6])
-    expected = [x[:2].mean(axis=0), x[2:6].mean(axis=0), x[6]]
-    np.testing.assert_allclose(block_means(x, starts), expected, rtol=1e-12)
-    x[[0, 2], 1] = np.nan
-    found = block_means(x, starts)
-    assert np.isnan(found[0, 1])  # half of it is missing
-    assert found[1, 1] == pytest.approx(x[3:6, 1].mean(), rel=1e-12)
-    np.testing.assert_array_equal(found[:, 1], block_means(x[:, 1], starts))
 
 
 def lined(periods, amplitude, n=200, seed=0):

@@ -208,15 +208,6 @@ def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
     assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
 
 
-@pytest.mark.long
-def test_very_many_runs_without_settings_are_all_used_too() -> None:
-    result = build(scattered(1500, 0.003, 1, rise=0.02))
-    grid = result.average
-    true = bent(grid.normal_force_N_m[:, None], grid.slip_speed_m_s, 0.02)
-    assert result.n_points == 1500
-    assert np.sqrt(np.mean((grid.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 5e-4
-
-
 def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
     data = scattered(60, 0.003, 2, rise=0.02)
     result = build({**data, "arc_deg": np.random.default_rng(3).uniform(35.0, 120.0, 60)})

@@ -97,7 +97,10 @@ def read_channels(record: RunRecord) -> Channels:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
     return Channels(
-        *columns,
+        time_s=columns[0],
+        tensions=columns[1],
+        speed=columns[2],
+        temperature=columns[3],
         n_spikes=int(np.count_nonzero(spikes.any(axis=1))),
         n_missing=int(np.count_nonzero(lost)) + n - t.size,
         rounding_N=rounding_N,
@@ -119,11 +122,10 @@ def _tension(values: Array, name: str) -> tuple[Array, Mask]:
     """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
-    for lacks, good in (("missing", present), ("not positive", clean > 0.0)):
-        lost = np.count_nonzero(~good)
-        if lost > MAX_MISSING * good.size:
+    for lacks, bad in (("missing", ~present), ("not positive", ~(clean > 0.0))):
+        if (share := np.mean(bad)) > MAX_MISSING:
             raise RunRejected(
-                f"{name} is {lacks} in {100 * lost / good.size:.3g} % of the samples, "
+                f"{name} is {lacks} in {100 * share:.3g} % of the samples, "
                 f"allowed is {100 * MAX_MISSING:g} %"
             )
     low, high = float(np.min(clean[present])), float(np.max(clean[present]))
@@ -141,20 +143,18 @@ def _tension(values: Array, name: str) -> tuple[Array, Mask]:
 
 
 def _require_range(x: Array, name: str) -> None:
-    """Reject a cell that sticks at an extreme reading."""
+    """Reject a cell that sticks at an extreme reading; without noise that is a plateau."""
     steps, turns = np.diff(np.unique(x)), np.diff(np.sign(np.diff(x)))
-    if steps.size < 2 or np.count_nonzero(turns) < NOISY * x.size:
+    noisy = steps.size >= 2 and np.count_nonzero(turns) >= NOISY * x.size
+    if not noisy or difference_sigma(x) < 1.5 * float(np.min(steps)):
         return
-    if difference_sigma(x) < 1.5 * float(np.min(steps)):
-        return
-    for sign in (1.0, -1.0):
-        top = float(np.max(sign * x))
-        near = np.count_nonzero(sign * x > 0.5 * (top + float(np.min(sign * x))))
-        count = np.count_nonzero(sign * x == top)
-        if count >= FEWEST_CLIPPED and count > CLIPPED * near:
+    for y in (x, -x):
+        near, count = np.mean(y > 0.5 * (y.max() + y.min())), np.count_nonzero(y == y.max())
+        share = count / (near * x.size)
+        if count >= FEWEST_CLIPPED and share > CLIPPED:
             raise RunRejected(
-                f"{name} is saturated: {100 * count / near:.3g} % of the samples near its extreme "
-                f"are {sign * top:g} N"
+                f"{name} is saturated: {100 * share:.3g} % of the samples near its extreme "
+                f"are {x[np.argmax(y)]:g} N"
             )
 
 
@@ -213,13 +213,9 @@ def find_rotation(speed: Array) -> Rotation:
     threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
     while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
         first -= 1
-    full = magnitude[first:end] >= 0.97 * top - 3.0 * noise
-    full_speed = first + int(np.argmax(full))
-    middle = (full_speed + end) // 2
-    halves = [magnitude[full_speed:middle], magnitude[middle:end]]
-    change = 0.0
-    if min(part.size for part in halves) >= 3:
-        change = (median(halves[1]) - median(halves[0])) / top
+    full_speed = first + int(np.argmax(magnitude[first:end] >= 0.97 * top - 3.0 * noise))
+    early, late = np.split(magnitude[full_speed:end], [(end - full_speed) // 2])
+    change = (median(late) - median(early)) / top if early.size >= 3 else 0.0
     backwards = bool(median(smooth[first:end]) < 0.0)
     return Rotation(first, full_speed, end, top, backwards, change)
 

@@ -11,6 +11,7 @@ where only the level remains.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,16 +84,15 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + velocity)
     run.slip_speed_m_s = float(sliding_speed(rotation.speed_rad_s, R))
     run.start_time_s = float(channels.time_s[rotation.first])
-    run.notes = _rotation_notes(rotation, channels)
-
+    run.notes = tuple(_rotation_notes(rotation, channels))
     before = slice(rotation.first)
     rest = rest_state(channels.time_s[before], channels.tensions[before], channels.rounding_N)
     half = 0.5 * rest.imbalance_N
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        none = dict.fromkeys(("end_se_N", "imbalance_N", "imbalance_se_N"), 0.0)
-        rest = replace(rest, tension_N=W, end_N=W, **none)
+        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
+        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
@@ -138,22 +138,20 @@ def _take_up(phase: SlidingPhase) -> float:
     return 1.5 * float(phase.angle[phase.first + samples]) if samples >= FEWEST_BUILT else NAN
 
 
-def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
-    """Write notes on the rotation; raise `RunRejected` if the speed is not steady."""
-    notes = []
-    if rotation.reversed and not channels.kind.running:
-        notes.append("the pulley speed is negative: its magnitude is used")
-    change = abs(rotation.unsteadiness)
-    if change > SPEED_CHANGE_ALLOWED:
+def _rotation_notes(rotation: Rotation, channels: Channels) -> Iterator[str]:
+    """Yield notes on the rotation; raise `RunRejected` if the speed is not steady."""
+    change = rotation.unsteadiness
+    if abs(change) > SPEED_CHANGE_ALLOWED:
         raise RunRejected(
-            f"the pulley speed is not steady: it changes by {100 * rotation.unsteadiness:+.3g} %, "
+            f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
             f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
         )
-    if change > SPEED_CHANGE_NOTED:
-        notes.append(f"the pulley speed changes by {100 * rotation.unsteadiness:+.2g} %")
+    if rotation.reversed and not channels.kind.running:
+        yield "the pulley speed is negative: its magnitude is used"
+    if abs(change) > SPEED_CHANGE_NOTED:
+        yield f"the pulley speed changes by {100 * change:+.2g} %"
     if channels.time_s.size - rotation.end > 2:
-        notes.append(f"the pulley stops at {channels.time_s[rotation.end]:.4g} s")
-    return tuple(notes)
+        yield f"the pulley stops at {channels.time_s[rotation.end]:.4g} s"
 
 
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
@@ -161,10 +159,7 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
     at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
     time = channels.time_s[at_rest]
     z = -np.diff(channels.tensions[at_rest] / sliding.tensions_N)[:, 0]
-    if time.size < 4:
-        return float("inf")
-    line = np.polynomial.Polynomial.fit(time, z, 1)
-    return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
+    return _about_line(time, z) / sliding.sensitivity if time.size >= 4 else float("inf")
 
 
 GROWTH = 0.15  # ratio of the length of a block to the length of the record before it
@@ -294,22 +289,24 @@ def _onset(t: Array, travel: Array, tensions: Array) -> Array:
 def _section_scatter(t: Array, x: Array, length_s: float) -> float:
     """Return the median scatter about a straight line over sections as long as the rest phase."""
     ends = np.flatnonzero(np.diff(np.floor((t - t[0]) / max(length_s, 1e-9)))) + 1
-    scatters = []
-    for dt, y in zip(np.split(t, ends), np.split(x, ends), strict=True):
-        if dt.size >= 8:
-            dt, y = dt - dt.mean(), y - y.mean()
-            y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
-            scatters.append(float(np.sqrt(y @ y / (y.size - 2))))
+    sections = zip(np.split(t, ends), np.split(x, ends), strict=True)
+    scatters = [_about_line(dt, y) for dt, y in sections if dt.size >= 8]
     return float(np.median(scatters)) if scatters else 0.0
+
+
+def _about_line(t: Array, x: Array) -> float:
+    """Return the standard deviation about a straight line over time."""
+    dt, y = t - t.mean(), x - x.mean()
+    y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
+    return float(np.sqrt(y @ y / (y.size - 2)))
 
 
 def block_starts(n: int) -> NDArray[np.intp]:
     """Return the first samples of the blocks of a record of n samples."""
     finest = max(-(-n // FINEST), 1)
-    starts, k = [], 0
-    while k < n:
+    starts = [0]
+    while (k := starts[-1] + max(finest, int(GROWTH * starts[-1]))) < n:
         starts.append(k)
-        k += max(finest, int(GROWTH * k))
     if n - starts[-1] < 0.5 * max(finest, GROWTH * n) and len(starts) > 1:
         starts.pop()  # merge a short remainder into the last block
     return np.array(starts, dtype=np.intp)
