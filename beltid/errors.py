@@ -14,12 +14,9 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     import numpy as np
 
-LONGEST_LINE: Final = 4000
-"""Longest message shown [characters]; hostile files have names of megabytes."""
-SHOWN: Final = 20
-"""Largest number of problems shown per file."""
-ALIKE: Final = 3
-"""Largest number of similar problems shown one by one."""
+LONGEST_LINE: Final = 4000  # message shown [characters]; hostile files have names of megabytes
+SHOWN: Final = 20  # problems of a file
+ALIKE: Final = 3  # similar problems, one by one
 PlaceOf = Callable[[int], tuple[str, int]]
 """Row index -> text of its place, and its line number for sorting the messages."""
 EXIT_DONE = 0
@@ -31,15 +28,11 @@ EXIT_BATCH_FAILED = 5
 
 def printable(text: str) -> str:
     """Escape line breaks, terminal control characters and text-direction marks in a text."""
-    text = _shortened(text)
-    if text.isprintable():
-        return text
-    return _shortened(
-        "".join(
-            c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1]
-            for c in text
-        )
-    )
+
+    def escaped(c: str) -> str:
+        return c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1]
+
+    return _shortened("".join(map(escaped, _shortened(text))))
 
 
 def percent(value: float) -> str:
@@ -128,18 +121,10 @@ class FitError(NumericsError):
 
 @dataclass(slots=True)
 class Problems:
-    """Collector of the problems of one file, reported together in line order.
+    """Collector of the problems of one file, reported together in line order."""
 
-    Attributes
-    ----------
-    found : list of (int, str)
-        Line number (0 for the whole file) and text of the stored problems.
-    count : int
-        Number of problems, including those not stored.
-    """
-
-    found: list[tuple[int, str]] = field(default_factory=list)
-    count: int = 0
+    found: list[tuple[int, str]] = field(default_factory=list)  # line (0: whole file), text
+    count: int = 0  # with those not stored
 
     def add(self, text: str, line: int = 0) -> None:
         """Add a problem; beyond a few hundred, only count it."""
@@ -163,17 +148,17 @@ class Problems:
 
     def merge_repeated(self, places: Sequence[str]) -> None:
         """Merge problems that are the same in several files, whose names they begin with."""
-        alike: dict[str, list[tuple[int, str]]] = {}
+        alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
         for line, text in self.found:
             place = next((p for p in places if text.startswith(p)), "")
-            rest = text[len(place) :].partition(": ")[2] if place else text
-            alike.setdefault(rest if place else f"\0{text}", []).append((line, text))
+            rest = text[len(place) :].partition(": ")[2]
+            key = ("", rest) if place else (text, "")
+            alike.setdefault(key, []).append((line, text))
         self.found = []
-        for rest, same in alike.items():
+        for (_, rest), same in alike.items():
             line, text = same[0]
-            if len(same) > 1 and not rest.startswith("\0"):
-                place = text[: -len(rest) - 2]
-                text = f"{place} and {len(same) - 1} more: {rest}"
+            if rest and len(same) > 1:
+                text = f"{text.removesuffix(rest)[:-2]} and {len(same) - 1} more: {rest}"
                 self.count -= len(same) - 1
             self.found.append((line, text))
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beltid.config import Config, ConfigSource
+    from beltid.report.summary import Summary
     from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
@@ -66,13 +67,12 @@ class Outcome(Generic[Result]):
         frame.attrs |= {name: fact for name, fact in self.facts.items() if name.startswith("rig_")}
         return frame
 
-    def record(self, **made: Any) -> Record:
-        """Return the record of an artifact that holds the table, with further provenance."""
+    def said(self) -> dict[str, Any]:
+        """Return what the record of an artifact says of the result, as plain JSON values."""
         from beltid.store.artifact import Record, plain
 
-        known = {field.name for field in fields(Record)} - {"kind"}
-        said = {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name in known}
-        return Record(self.kind, **{**said, **made})
+        known = {field.name for field in fields(Record)}
+        return {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name in known}
 
     def plot(self, figure: str | None = None) -> Figure:
         """Plot the table with matplotlib, as ``beltid show`` does.
@@ -117,21 +117,21 @@ class Outcome(Generic[Result]):
         ArtifactError
             If it cannot be written.
         """
-        from beltid.store.artifact import write_artifact
+        from beltid.store.artifact import Record, write_artifact
 
         path, origin = Path(path), origin or self.origin
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
         if path.suffix != SUFFIX:
             raise InputError(f"{path}: must end in {SUFFIX}")
-        write_artifact(path, self.columns, self.record(origin=origin))
+        write_artifact(path, self.columns, Record(**{**self.said(), "origin": origin}))
         return path
 
     def as_artifact(self) -> Artifact:
         """Return the result as if it were read from a file."""
-        from beltid.store.artifact import Artifact
+        from beltid.store.artifact import Artifact, Record
 
-        return Artifact(self.columns, self.record(), Path(self.kind), "")
+        return Artifact(self.columns, Record(**self.said()), Path(self.kind), "")
 
     def __repr__(self) -> str:
         from beltid.report.view import text_of
@@ -145,34 +145,29 @@ class Built:
 
     artifact: Artifact
     up_to_date: bool
+    fails_with: int = EXIT_OUT_OF_TOLERANCE
+
+    def summary(self) -> Summary:
+        """Return what its user sees."""
+        from beltid.report.view import summary_of
+
+        return summary_of(self.artifact, up_to_date=self.up_to_date, fails_with=self.fails_with)
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A file that a stage reads: its kind, its name in the record, its content when it was read."""
+    """A file that a stage reads: its kind, and its name in the record."""
 
     path: Path
     kind: str
     name: str
     besides: list[Path]  # files among those of the path that do not belong to it
-    sha256: str
 
-    @property
-    def is_recording(self) -> bool:
-        """Whether it is no artifact."""
-        return self.kind in RECORDINGS
+    def content(self) -> str:
+        """Return the hash of its content."""
+        from beltid.bench.files import content_of
 
-
-@dataclass(frozen=True, slots=True)
-class Work:
-    """One call of a stage on files: what it reads and depends on."""
-
-    source: ConfigSource
-    files: Mapping[str, Input]  # by parameter
-    inputs: Mapping[str, str]  # SHA-256 of all that is read, by name
-    options: Mapping[str, Any]
-    settings: Mapping[str, Any]
-    made_from: str
+        return content_of(self.path, self.besides)
 
 
 @dataclass(eq=False)
@@ -264,24 +259,26 @@ class Stage:
         **options: Any,
     ) -> Built:
         """Compute from files, unless `out` was made from the same."""
-        from beltid.bench.files import content_of
-
-        work, existing = self.look(source, files, out, force=force, **options)
+        reads, planned, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
-            return Built(existing, up_to_date=True)
+            return Built(existing, True, self.fails_with)
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
-        items = self._read(work)
+        items = self._read(reads, source.config)
         given: dict[str, Any] = {role: items.get(role) for role in self.reads}
-        given |= {"config": as_measured(source.config, given.get("friction")), **work.options}
+        given["config"] = as_measured(source.config, given.get("friction"))
+        given |= {p.name: options.get(p.name, p.default) for p in self.options}
         if workers is not None and "workers" in self.signature.parameters:
             given["workers"] = workers
-        outcome = replace(self.compute(**given), kind=self.makes)
-        now = [content_of(file.path, file.besides) for file in work.files.values()]
-        pairs = zip(work.files.values(), now, strict=True)
-        if changed := [file.path for file, content in pairs if content != file.sha256]:
+        outcome = self.compute(**given)
+        heard = [note for item in items.values() for note in getattr(item, "notes", ())]
+        outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
+        changed = [f.path for f in reads.values() if f.content() != planned.inputs[f.name]]
+        if changed:
             raise InputError([f"{path}: was changed while it was read" for path in changed])
-        return Built(self._write(work, outcome, items, out), up_to_date=False)
+        made_of = self._made_of(reads, items, planned, source.config)
+        made = self._write(outcome, replace(planned, **outcome.said() | made_of), out)
+        return Built(made, False, self.fails_with)
 
     def look(
         self,
@@ -291,33 +288,45 @@ class Stage:
         *,
         force: bool = False,
         **options: Any,
-    ) -> tuple[Work, Artifact | None]:
-        """Return the work, and what it made before from the same inputs; compute nothing."""
+    ) -> tuple[dict[str, Input], Record, Artifact | None]:
+        """Return what is read, as far as known the record, and what was made of the same before."""
         from beltid.bench.files import content_of
+        from beltid.store.artifact import Record
+        from beltid.store.disk import sha256, source_sha256
 
-        config = source.config
+        config, reads = source.config, dict[str, Input]()
         given = dict(files) if self.finds is None else self.finds(dict(files))
-        kinds = {
-            role: _kind_of(self.reads[role], given[role]) for role in self.reads if role in given
-        }
-        existing = self._check_place(source, given, kinds, out, force=force)
-        work = dict[str, Input]()
-        for role, kind in kinds.items():
+        for role in (role for role in self.reads if role in given):
+            kind = _kind_of(self.reads[role], given[role])
             # a recording in the place of an artifact is of another bench
-            guest = kind in RECORDINGS and kind != self.reads[role]
+            name = "recording" if kind in RECORDINGS and kind != self.reads[role] else kind
             besides = [table for of, table in config.run_tables.items() if of == kind]
-            sha256 = content_of(given[role], besides)
-            work[role] = Input(given[role], kind, "recording" if guest else kind, besides, sha256)
-        inputs = {file.name: file.sha256 for file in work.values()}
-        for kind, table in config.run_tables.items():
-            if kind in kinds.values():
-                inputs[f"{kind}_runs"] = content_of(table)
-        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        settings = self._settings(config, kinds.values(), chosen)
-        made_from = self._made_from(config, inputs, settings)
-        fresh = existing is not None and existing.record.made_from == made_from and not force
-        made = Work(source, work, inputs, chosen, settings, made_from)
-        return made, existing if fresh else None
+            reads[role] = Input(given[role], kind, name, besides)
+        existing = self._check_place(source, reads, out, force=force)
+        kinds = [file.kind for file in reads.values()]
+        inputs = {file.name: file.content() for file in reads.values()}
+        tables = {kind: path for kind, path in config.run_tables.items() if kind in kinds}
+        inputs |= {f"{kind}_runs": content_of(path) for kind, path in tables.items()}
+        settings = self._settings(config, kinds, options)
+        stated = {
+            name: sorted(getattr(config, name).model_fields_set)
+            for name in self.uses
+            if name in config.model_fields_set
+        }
+        parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
+        planned = Record(
+            self.makes,
+            made_by=self.name,
+            made_from=sha256(json.dumps(parts, sort_keys=True).encode()),
+            software=f"beltid {__version__}",
+            sources=source_sha256(),
+            inputs=inputs,
+            config=BUILT_IN if source.path is None else source.path.name,
+            config_sha256=config.sha256,
+            settings=settings,
+        )
+        fresh = existing is not None and existing.record.made_from == planned.made_from
+        return reads, planned, existing if fresh and not force else None
 
     def _settings(
         self, config: Config, kinds: Iterable[str], options: Mapping[str, Any]
@@ -331,30 +340,11 @@ class Stage:
             found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
-        return found | plain({n: v for n, v in options.items() if v and n not in NO_MATTER})
-
-    def _made_from(
-        self, config: Config, inputs: Mapping[str, str], settings: Mapping[str, Any]
-    ) -> str:
-        """Return the hash of all that the result depends on, and of which of it is stated."""
-        from beltid.store.disk import sha256, source_sha256
-
-        stated = {
-            name: sorted(getattr(config, name).model_fields_set)
-            for name in self.uses
-            if name in config.model_fields_set
-        }
-        parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
-        return sha256(json.dumps(parts, sort_keys=True).encode())
+        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
+        return found | plain({n: v for n, v in chosen.items() if v and n not in NO_MATTER})
 
     def _check_place(
-        self,
-        source: ConfigSource,
-        files: Mapping[str, Path],
-        kinds: Mapping[str, str],
-        out: Path,
-        *,
-        force: bool,
+        self, source: ConfigSource, reads: Mapping[str, Input], out: Path, *, force: bool
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
         from beltid.store.artifact import read_artifact, stated_kind
@@ -371,26 +361,26 @@ class Stage:
                 existing = read_artifact(path, kind)
             return OURS
 
-        read = {}
-        for role, kind in kinds.items():
-            what = "recording" if kind in RECORDINGS else "table"
-            read[f"{kind} {what} that is read"] = files[role]
+        inputs = {}
+        for file in reads.values():
+            what = "recording" if file.kind in RECORDINGS else "table"
+            inputs[f"{file.kind} {what} that is read"] = file.path
         for kind, path in source.config.data.files.items():
-            read[f"{kind} recording of the config"] = path
+            inputs[f"{kind} recording of the config"] = path
         owner = whose if self.writes is None else anyone_s
-        check_place(out, (Path(self.file_name()).suffix,), owner, inputs=read, force=force)
+        check_place(out, (Path(self.file_name()).suffix,), owner, inputs=inputs, force=force)
         return existing
 
-    def _read(self, work: Work) -> dict[str, Any]:
+    def _read(self, reads: Mapping[str, Input], config: Config) -> dict[str, Any]:
         """Read the inputs; refuse artifacts that do not fit together."""
         from beltid.bench.recording import read_recording
         from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
 
         items = dict[str, Any]()
         hosts, guests = list[Artifact](), list[Artifact]()
-        for role, file in work.files.items():
-            if file.is_recording:
-                items[role] = read_recording(file.path, file.kind, work.source.config)
+        for role, file in reads.items():
+            if file.kind in RECORDINGS:
+                items[role] = read_recording(file.path, file.kind, config)
                 what = "rows" if items[role].kind == "points" else "samples"
                 log.info("%s: %s %s", file.path, items[role].n_samples, what)
             else:
@@ -399,41 +389,33 @@ class Stage:
         refuse_misfits(hosts, guests)
         return items
 
-    def _write(
-        self, work: Work, outcome: Outcome[Any], items: Mapping[str, Any], out: Path
-    ) -> Artifact:
-        """Write the outcome with all that it was made from; return it as read back."""
-        from beltid.store.artifact import Artifact, ancestors_of, combined_origin, write_artifact
-        from beltid.store.disk import sha256, source_sha256, write_bytes
+    def _made_of(
+        self, reads: Mapping[str, Input], items: Mapping[str, Any], planned: Record, config: Config
+    ) -> dict[str, Any]:
+        """Return origin and ancestors of what is made of some inputs."""
+        from beltid.store.artifact import Artifact, ancestors_of, combined_origin
 
-        config, path = work.source.config, work.source.path
-        origins, ancestors, notes = [], dict[str, str](), list[str]()
+        origins, ancestors = list[str | None](), dict[str, str]()
         for role, item in items.items():
-            file = work.files[role]
+            file = reads[role]
             if isinstance(item, Artifact):
                 origins.append(item.origin)
                 ancestors |= ancestors_of(item)
                 continue
-            notes += item.notes
             if item.is_artifact:  # a simulated recording
                 origins.append("synthetic")
             elif file.name == file.kind:  # another bench tells nothing of this one
                 origins.append(config.data.origin)
             if file.name in RECORDINGS:
-                ancestors[file.name] = file.sha256
-        record = outcome.record(
-            made_by=self.name,
-            made_from=work.made_from,
-            software=f"beltid {__version__}",
-            sources=source_sha256(),
-            origin=combined_origin(origins or [config.data.origin]),
-            inputs=work.inputs,
-            ancestors=ancestors,
-            config=BUILT_IN if path is None else path.name,
-            config_sha256=config.sha256,
-            settings=work.settings,
-            notes=[*notes, *outcome.notes],
-        )
+                ancestors[file.name] = planned.inputs[file.name]
+        origin = combined_origin(origins or [config.data.origin])
+        return {"origin": origin, "ancestors": ancestors}
+
+    def _write(self, outcome: Outcome[Any], record: Record, out: Path) -> Artifact:
+        """Write the outcome; return it as read back."""
+        from beltid.store.artifact import Artifact, write_artifact
+        from beltid.store.disk import sha256, write_bytes
+
         if self.writes is None:
             return write_artifact(out, outcome.columns, record)
         data = self.writes(outcome)

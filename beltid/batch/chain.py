@@ -13,7 +13,6 @@ import beltid.stages.steps  # noqa: F401  makes the stages known
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
-from beltid.report.view import summary_of
 from beltid.stage import STAGES, Built, Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
@@ -100,8 +99,7 @@ class Belt:
 
     def has(self, step: Step, built: Built, spent_s: float) -> None:
         """Record and log what a step has made, or found up to date."""
-        name, fails_with = step.name, step.stage.fails_with
-        said = summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=fails_with)
+        name, said = step.name, built.summary()
         self.states[name] = UP_TO_DATE if built.up_to_date else DONE
         if said.exit_status:
             judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
@@ -165,7 +163,7 @@ def look_at_belt(
             state = TO_BE_MADE
             if not force and stale.isdisjoint(step.needs.values()):
                 try:
-                    _, existing = step.stage.look(source, step.inputs(files), out)
+                    *_, existing = step.stage.look(source, step.inputs(files), out)
                     state = TO_BE_MADE if existing is None else UP_TO_DATE
                 except BeltidError as found:
                     state, error = WRONG, found

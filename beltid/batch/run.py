@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import closing
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    CancelledError,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,6 +46,9 @@ from beltid.stages.workers import Result, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 from beltid.store.disk import source_sha256
 
+SPAWN: Final = multiprocessing.get_context("spawn")
+"""Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
+LAST_NOTES_S: Final = 5.0
 AT_ONCE: Final = 8
 """Number of belts whose files are read and written at the same time if a cluster computes."""
 COLUMNS: Final = (
@@ -114,8 +128,6 @@ def _here(
         else:
             yield run_one(source, place, jobs, force, report)
     if calls:
-        from beltid.batch.processes import run_in_processes
-
         count = min(jobs, len(calls))
         more = (jobs // count, force, report)
         yield from run_in_processes(
@@ -132,11 +144,93 @@ def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: 
     return belt
 
 
+def run_in_processes(
+    work: Callable[..., Belt], calls: Mapping[str, tuple[Any, ...]], jobs: int
+) -> Iterator[Belt]:
+    """Yield what becomes of belts as they end, each in a process, `jobs` at the same time.
+
+    If a process is killed, the belts that have not ended are tried once more, one after the other:
+    what they had finished is up to date, and the belt to blame is known. `work` is a module-level
+    function, `calls` has its arguments by the name of the belt.
+    """
+    left = dict(calls)
+    try:
+        for belt in _ended(work, calls, jobs):
+            del left[belt.name]
+            yield belt
+        return
+    except BrokenProcessPool:
+        log.warning("a process was killed (out of memory?), once more: %s", ", ".join(left))
+    for name, call in left.items():
+        try:
+            yield from _ended(work, {name: call}, 1)
+        except BrokenProcessPool:
+            belt = Belt(name)
+            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
+            belt.failed("process", BeltidError(text))
+            yield belt
+
+
+def _ended(
+    work: Callable[..., Belt], calls: Mapping[str, tuple[Any, ...]], jobs: int
+) -> Iterator[Belt]:
+    with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
+        with _signals_blocked():
+            ends = [pool.submit(work, *call) for call in calls.values()]
+        for end in as_completed(ends):
+            yield end.result()
+
+
+def _begin(notes: Any) -> None:
+    """Initialize a process: it leaves Ctrl-C to its parent, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    log.setLevel(logging.DEBUG)
+    log.addHandler(QueueHandler(notes))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+@contextlib.contextmanager
+def _heard() -> Iterator[Any]:
+    """Open a queue whose notes are logged here."""
+    with _signals_blocked():  # its semaphores have a process that cleans up after them
+        notes = SPAWN.Queue()
+    notes.cancel_join_thread()
+
+    def listen() -> None:
+        while (record := notes.get()) is not None:
+            log.handle(record)
+
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    try:
+        yield notes
+    finally:
+        notes.put(None)
+        listener.join(LAST_NOTES_S)  # a process that was killed may have left half a note
+
+
+@contextlib.contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Shield the processes started inside from Ctrl-C and hang-up: the parent ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _on_cluster(
     sources: Sequence[ConfigSource], folder: Path, scheduler: str, force: bool, report: bool
 ) -> Iterator[Belt]:
     with (
-        closing(Cluster(scheduler)) as cluster,
+        contextlib.closing(Cluster(scheduler)) as cluster,
         ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool,
     ):
         run = partial(run_belt, workers=cluster, force=force)

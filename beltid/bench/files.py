@@ -103,20 +103,6 @@ def content_of(path: Path, besides: Sequence[Path] = ()) -> str:
     return sha256("".join(lines).encode(errors="surrogateescape"))
 
 
-Signature = tuple[tuple[str, int, int, int], ...]
-"""Name, time of change, size and number of files; differs when one is replaced or written."""
-
-
-def signature_of(path: Path) -> Signature:
-    """Return the state of every file that a path names; the reader reports missing ones."""
-    states = []
-    with contextlib.suppress(OSError):
-        for file in _candidates(path) if is_many(path) else [path]:
-            stat = file.stat()
-            states.append((str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
-    return tuple(sorted(states))
-
-
 def folder_of(path: Path) -> Path:
     """Return the folder that contains the path; for a pattern, the part before its wildcards."""
     if path.exists():

@@ -15,7 +15,7 @@ from beltid.report.summary import Summary
 SCHEDULER_VARIABLE: Final = "DASK_SCHEDULER_ADDRESS"
 
 
-@command("inspect", short=FIRST["inspect"], kept=None)
+@command("inspect", kept=None)
 def inspect(
     files: list[Path], *, kind: Literal["press", "rig", "speedloss"] | None = None, common: Common
 ) -> Summary:
@@ -44,7 +44,6 @@ def inspect(
 
 @command(
     "init",
-    short=FIRST["init"],
     out="FILE: The file. Default: <NAME>.yaml in the current folder.",
     kept="no config was written",
 )
@@ -73,7 +72,6 @@ def init(name: str, files: list[Path] | None = None, *, common: Common) -> Summa
 
 @command(
     "run",
-    short=FIRST["run"],
     out="FOLDER: Folder of the results, one folder per belt in it. Default: runs",
     kept="finished results are in {out}; the same command continues from there",
 )
@@ -134,7 +132,6 @@ def run(
 
 @command(
     "report",
-    short=FIRST["report"],
     out="FILE: Page to write. Default: report.html in the folder of a belt, for several belts in "
     "the folder above.",
     kept="finished reports are kept",
@@ -165,7 +162,6 @@ def report(folders: list[Path], *, common: Common) -> Summary:
 
 @command(
     "show",
-    short=FIRST["show"],
     out="FILE: Table to write (.csv), or figure (.svg, .png, .pdf). Default: the terminal.",
 )
 def show(artifact: Path, *, figure: str | None = None, common: Common) -> Summary:
@@ -193,7 +189,6 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> Summar
 
 @command(
     "export",
-    short=FIRST["export"],
     out="FOLDER: Folder of the files. Default: export/ in the folder of the law.",
     kept="files already written are complete",
 )

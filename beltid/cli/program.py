@@ -275,9 +275,21 @@ def add_step(stage: Any) -> None:
     text = f"{text}\n\nWrites {stage.file_name()}.\n\n{columns}{example}\n"
 
     def run(*, common: Common, **given: Any) -> None:
-        _run(stage, given, common)
+        from beltid.bench.files import folder_of
+        from beltid.cli.execute import finish
 
-    register(stage.name, run, parameters, text, short=_short(stage))
+        files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
+        first = next(iter(files.values()), None)
+        folder = Path() if first is None else folder_of(first)
+        out = common.out or folder / stage.file_name(given)
+
+        def work() -> Any:
+            source = config_of(first, common)
+            return stage.run(source, files, out, force=common.force, **given).summary()
+
+        finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
+
+    register(stage.name, run, parameters, text)
 
 
 def _short(stage: Any) -> str:
@@ -288,25 +300,6 @@ def _short(stage: Any) -> str:
         if name in stage.reads and p.kind is not KEYWORD
     ]
     return f"{', '.join(needed)} -> {stage.file_name()}"
-
-
-def _run(stage: Any, given: dict[str, Any], common: Common) -> None:
-    from beltid.bench.files import folder_of
-    from beltid.cli.execute import finish
-    from beltid.report.summary import Summary
-    from beltid.report.view import summary_of
-
-    files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
-    first = next(iter(files.values()), None)
-    folder = Path() if first is None else folder_of(first)
-    out = common.out or folder / stage.file_name(given)
-
-    def work() -> Summary:
-        source = config_of(first, common)
-        built = stage.run(source, files, out, force=common.force, **given)
-        return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
-
-    finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
 
 
 def _about(kind: str) -> str:

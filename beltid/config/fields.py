@@ -15,16 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from beltid.config.checks import Check, ListOf, Number, anything, flag
 
-
-def _thousandth(value: float) -> float:
-    return value / 1000.0
-
-
 SI: Final[dict[str, tuple[str, Callable[[float], float]]]] = {
     "_N_m_deg": ("_N_m_rad", math.degrees),
-    "_mm_N": ("_m_N", _thousandth),
+    "_mm_N": ("_m_N", lambda value: value / 1000.0),
     "_deg": ("_rad", math.radians),
-    "_mm": ("_m", _thousandth),
+    "_mm": ("_m", lambda value: value / 1000.0),
     "_cm": ("_m", lambda value: value / 100.0),
 }
 """Unit suffix of a key -> that of the SI unit, conversion; the first that fits."""

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from beltid.cli.execute import Terminal
+from beltid.notes import heard_by, log, progress
 
 MAIN = "from beltid.cli import main; main()"
 PROGRAM = """
@@ -82,22 +85,6 @@ def test_an_ignored_signal_stays_ignored() -> None:
     assert python(code).stdout == b"went on\n"
 
 
-def test_children_end_with_the_program() -> None:
-    code = """
-import multiprocessing, os, signal, time
-from beltid.cli.process import hear_signals
-hear_signals()
-child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(600.0,))
-child.start()
-print(child.pid, flush=True)
-os.kill(os.getpid(), signal.SIGTERM)
-time.sleep(20.0)
-"""
-    done = python(code)  # waits for all that hold the pipe
-    assert done.returncode == 128 + signal.SIGTERM
-    assert int(done.stdout) > 0
-
-
 def test_same_input_same_bytes_in_another_process_and_folder(finished: Path, beside: Path) -> None:
     shutil.copy(finished / "beltid.yaml", beside)
     env = {"PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
@@ -156,3 +143,25 @@ def test_the_linear_algebra_of_a_command_runs_in_one_thread(
         "print(len(os.listdir('/proc/self/task')))"
     )
     assert python(code, "--version").stdout.splitlines()[-1] == b"1"
+
+
+@pytest.mark.parametrize(
+    ("terminal", "told"),
+    [
+        (True, "r: 2 of 4, about 1 s left\r\x1b[2Kr: 3 of 4, about 0 s left\r\x1b[2Knote\n"),
+        (False, "note\n"),
+    ],
+)
+def test_progress_is_a_line_that_makes_way_for_notes(
+    terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stderr, clock = io.StringIO(), iter([0.0, 0.5, 1.0, 1.5])
+    stderr.isatty = lambda: terminal  # type: ignore[method-assign]
+    monkeypatch.setattr("sys.stderr", stderr)
+    monkeypatch.setattr("beltid.cli.execute.time.monotonic", lambda: next(clock))
+    with heard_by(Terminal()), progress("r", 4) as advance:
+        for _ in range(3):
+            advance()
+        log.info("note")
+        advance()
+    assert stderr.getvalue() == told
