@@ -38,7 +38,7 @@ from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
 from beltid.stages.inputs import Columns, friction_columns, press_law, span, with_tensions
-from beltid.stages.refine import (
+from beltid.stages.surface import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
@@ -68,8 +68,7 @@ SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", 
 COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
 """Columns of the friction table that a prediction needs."""
-ENOUGH: Final = 0.8
-"""Share of the usable measured runs below which a comparison is one of few runs."""
+ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
 MIN_SHARE_COMPARED: Final = 0.5
 """Share of compared runs below which the campaign fails: too few to judge it."""
 OF_PREDICTION: Final = {
@@ -168,10 +167,8 @@ class Predicted:
     """The predicted runs of one fold."""
 
     fold: Fold
-    part: RunsUncertainty
-    """The predicted coefficients and their uncertainty by source."""
-    beyond: int
-    """Number of predicted runs whose mean force no other run reached."""
+    part: RunsUncertainty  # the predicted coefficients and their uncertainty by source
+    beyond: int  # number of predicted runs whose mean force no other run reached
     warnings: tuple[str, ...] = ()
 
 

@@ -61,8 +61,7 @@ REST: Final = 0.05
 MASS: Final = 0.2
 """Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
 MOST_ARCS: Final = 4
-MOST_SET_ASIDE: Final = 12
-"""Number of runs set aside that are kept for inspection."""
+MOST_SET_ASIDE: Final = 12  # number of runs set aside that are kept for inspection
 MOST_RUNS: Final = 480
 """Number of runs of a campaign that are kept as small pictures: the first ones."""
 SMALL_SAMPLES: Final = 80

@@ -22,14 +22,12 @@ from beltid.store.place import FOREIGN, OURS, check_place
 
 NAME: Final = "report.html"
 SUFFIXES: Final = (".html", ".htm")
-HEAD: Final = 4096
-"""Bytes at the beginning of a page that hold its generator and its mark."""
+HEAD: Final = 4096  # bytes at the beginning of a page that hold its generator and its mark
 MARK: Final = re.compile(
     r'<meta name="generator" content="beltid">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
 )
-SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
-"""Last line of a page."""
+SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"  # last line of a page
 ARTIFACTS: Final = {
     **{kind: kind for kind in ("stiffness", "slip", "friction", "surface")},
     "surface_refined": "surface",
@@ -41,8 +39,7 @@ ARTIFACTS: Final = {
     **{kind: kind for kind in ("press_curves", "rig_curves")},
 }
 """Artifacts that a report shows: file name -> kind."""
-CURVES: Final = ("press_curves", "rig_curves")
-"""Artifacts that are not part of the chain."""
+CURVES: Final = ("press_curves", "rig_curves")  # artifacts that are not part of the chain
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +51,7 @@ class OnPage:
     """Its config, if known; results of recordings that it does not name are not shown."""
     made: Collection[str] | None = None
     """Names of the results that `run` has made or found up to date; others are not shown."""
-    failures: tuple[str, ...] = ()
-    """Stages that failed, each with its exit status and its message."""
+    failures: tuple[str, ...] = ()  # stages that failed, each with its exit status and its message
 
     @property
     def recordings(self) -> list[str]:

@@ -64,8 +64,7 @@ OPTIONS: Final = ("--arc", "--tension", "--speed")
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
-PER_CALL: Final = 24
-"""Number of runs whose uncertainty a worker computes in one call."""
+PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
@@ -133,13 +132,11 @@ def simulated(
     workers: Workers,
 ) -> Outcome[Campaign]:
     """Simulate the runs of `friction`, else those of the config, and reduce nothing."""
-    refuse_running(config)
-    settings = simulation_settings(config, method)
-    measured = None if friction is None else measured_settings(friction.columns, config)
-    runs = planned_runs(config, measured, picked)
+    settings, press = simulation_settings(config, method), press_law(law, config)
+    bench = bench_of(config, surface, press.law)
+    runs = planned_runs(config, None if friction is None else friction.columns, picked)
     log.info("%s, %s", counted(len(runs), "run"), settings.method)
-    press = press_law(law, config)
-    campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
+    campaign = simulate(bench, runs, settings, workers)
     failed = campaign.failures
     failures = [f"run {run.label}: {line}" for run, e in failed for line in e.problems]
     if not campaign.finished:
@@ -149,13 +146,10 @@ def simulated(
     runs, results = zip(*campaign.finished, strict=True)
     outside = sum(result.record.clamped_lookups for result in results)
     lookups = sum(result.record.lookups for result in results)
-    notes = [*guided_weight(config, [run.point for run in runs]), *notes]
-    if outside:
-        notes.insert(
-            0,
-            f"{percent(100 * outside / lookups)} of the sliding contact points lie outside the "
-            "measured range of the surface: the nearest measured value was used",
-        )
+    beyond = (
+        f"{percent(100 * outside / max(lookups, 1))} of the sliding contact points lie outside the "
+        "measured range of the surface: the nearest measured value was used"
+    )
     columns, rows = recording_columns(campaign.finished, config), campaign.rows()
     return Outcome(
         columns,
@@ -173,7 +167,11 @@ def simulated(
         tables={"simulated_runs": rows},
         validity={name: span([getattr(run, name) for run in runs]) for name in SETTINGS},
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
-        notes=tuple(notes),
+        notes=(
+            *([beyond] if outside else []),
+            *guided_weight(config, [run.point for run in runs]),
+            *notes,
+        ),
         warnings=tuple(failures),
         verdict=f"{len(failed)} of {len(rows)} runs failed" if failed else "",
         passed=False if failed else None,
@@ -181,13 +179,16 @@ def simulated(
 
 
 def planned_runs(
-    config: Config, measured: np.ndarray | None = None, picked: Sequence[Sequence[float]] = ()
+    config: Config,
+    friction: Columns | None = None,
+    picked: Sequence[Sequence[float]] = ((), (), ()),
 ) -> tuple[PlannedRun, ...]:
     """Return the runs to simulate, in the order of the setting lists.
 
-    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that the user wants; an empty list
-    means all.
+    `friction` has the runs of the bench, `picked` the arcs [deg], tensions [N] and speeds [rad/s]
+    that the user wants; an empty list means all.
     """
+    measured = None if friction is None else measured_settings(friction, config)
     lists = setting_lists(config, measured)
     settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
     if not settings:
@@ -197,17 +198,15 @@ def planned_runs(
             f"simulate: {keys}"
         )
     problems, wanted = list[str](), []
-    for option, values, of, gap in zip(
-        OPTIONS, picked or ((), (), ()), lists, SAME_SETTING.values(), strict=True
-    ):
-        near = [_same_setting(np.array(of), value, gap) for value in values]
+    for option, values, of, gap in zip(OPTIONS, picked, lists, SAME_SETTING.values(), strict=True):
+        near = {value: _same_setting(np.array(of), value, gap) for value in values}
+        known = listed([f"{setting:.4g}" for setting in of])
         problems += [
-            f"{option} = {value:g}, must be one of those of the campaign: "
-            + listed([f"{setting:.4g}" for setting in of])
-            for value, found in zip(values, near, strict=True)
+            f"{option} = {value:g}, must be one of those of the campaign: {known}"
+            for value, found in near.items()
             if not found
         ]
-        wanted.append({x for found in near for x in found} if near else set(of))
+        wanted.append({x for found in near.values() for x in found} or set(of))
     if problems:
         raise InputError(problems)
     return tuple(
@@ -392,19 +391,13 @@ def _uncertainty(
 class SimulatedRun:
     """One run of the simulated rig."""
 
-    settings: PlannedRun
-    """Arc, initial tension, pulley speed."""
-    result: RunResult
-    """All results of the simulation as plain arrays."""
+    settings: PlannedRun  # arc, initial tension, pulley speed
+    result: RunResult  # all results of the simulation as plain arrays
     config: Config
-    tension_tight_N: float
-    """Support force of the tight span while sliding [N]."""
-    tension_slack_N: float
-    """Support force of the slack span while sliding [N]."""
-    mu: float
-    """Friction coefficient by Eq. (6) from these tensions [-]."""
-    normal_force_N_m: float
-    """Mean normal force per length by Eq. (8) [N/m]."""
+    tension_tight_N: float  # support force of the tight span while sliding [N]
+    tension_slack_N: float  # support force of the slack span while sliding [N]
+    mu: float  # friction coefficient by Eq. (6) from these tensions [-]
+    normal_force_N_m: float  # mean normal force per length by Eq. (8) [N/m]
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -535,9 +528,8 @@ def simulate_campaign(
     """
     import pandas as pd
 
-    model, measured = as_measured(load_config(config), friction), None
-    if friction is not None:
-        measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
+    model = as_measured(load_config(config), friction)
+    measured = None if friction is None else friction_columns(friction, tuple(KEYS))
     runs = planned_runs(model, measured)
     settings = simulation_settings(model, method, elements)
     campaign = simulate(bench_of(model, surface, law), runs, settings, threads(jobs))

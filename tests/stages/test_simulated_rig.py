@@ -20,7 +20,6 @@ from beltid.identify.friction.run import run_records
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
-from beltid.stages.refine import prepared_campaign
 from beltid.stages.rig import (
     bench_of,
     planned_runs,
@@ -28,6 +27,7 @@ from beltid.stages.rig import (
     simulate,
     simulation_settings,
 )
+from beltid.stages.surface import prepared_campaign
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 
