@@ -278,7 +278,8 @@ def refined(
     n_arcs = int(measured.arc.max()) + 1
     stated = all_sources(standard_uncertainties(config), n_arcs, press.has_scatter)
     shared = (*stated, *reduction_sources(measured.columns))
-    found = (workers or Workers()).call(refine_surface, campaign, speeds, shared, reference)
+    calls = [(campaign, speeds, shared, reference)]
+    (found,) = (workers or Workers()).run(refine_surface, calls)
     runs, arcs = tuple(str(columns["run"][i]) for i in used), columns["arc_deg"][used]
     result = Refinement(found, runs, arcs, shown_effects(found))
     ranges = measured.normal_force, measured.slip_speed
@@ -327,10 +328,7 @@ def refined(
 
 
 def prepared_campaign(
-    columns: Columns,
-    press: PressLaw,
-    config: Config,
-    chosen: Mapping[str, str | None],
+    columns: Columns, press: PressLaw, config: Config, chosen: Mapping[str, str | None]
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
     """Return the campaign with its initial surface, speeds, rows, and the runs set aside."""
     rig = rig_of_runs(columns, config)

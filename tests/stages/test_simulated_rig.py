@@ -22,6 +22,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
 from beltid.stages.rig import (
     bench_of,
+    finished,
     planned_runs,
     recording_columns,
     simulate,
@@ -67,9 +68,9 @@ def simulated(kind: str, picked: Any = FEW) -> dict[str, np.ndarray]:
     """The recording of a bench of that kind, in time, with the columns of rig.csv."""
     config = config_of(kind)
     runs, settings = planned_runs(config, None, picked), simulation_settings(config, "transient")
-    campaign = simulate(bench_of(config, TRUTH, LAW), runs, settings, Workers())
-    assert not campaign.failures
-    return recording_columns(campaign.finished, config)
+    results = finished(simulate(bench_of(config, TRUTH, LAW), runs, settings, Workers()))
+    assert len(results) == len(runs)
+    return recording_columns(results.items(), config)
 
 
 def as_measured(kind: str, noise_N: float, picked: Any = FEW) -> dict[str, np.ndarray]:
