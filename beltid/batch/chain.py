@@ -15,7 +15,7 @@ from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewS
 from beltid.notes import log, prefixed
 from beltid.stage import STAGES, Built, Stage
 from beltid.stages.about import WITHOUT, lacking
-from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
+from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
 from beltid.stages.workers import Workers
 
 DONE: Final = "done"
@@ -213,15 +213,15 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
     """Write the report of a belt that has results; not to be called from several threads."""
     if not belt.facts:
         return
-    shown, out = OnPage(folder, source.config, belt.made, belt.failures), folder / NAME
+    shown, out = OnPage(folder, source.config.data.files, belt.made, belt.failures), folder / NAME
     with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE
-            if not up_to_date(out, made_from(shown), force=force):
-                from beltid.stages.report_belt import of_belt
+            if mark_to_write([shown], out, force=force):
+                from beltid.stages.report_belt import write_page
 
-                page, state, belt.new = of_belt(shown, out, force=force), DONE, True
+                page, state, belt.new = write_page([shown], out, force=force), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
         except BeltidError as error:

@@ -41,7 +41,7 @@ from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError
 from beltid.notes import log, python_warnings
 from beltid.report.summary import Summary
 from beltid.stages.about import wrong_recordings
-from beltid.stages.page_mark import NAME, OnPage, links_to, made_from, up_to_date
+from beltid.stages.page_mark import NAME, OnPage, mark_to_write
 from beltid.stages.workers import Result, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 from beltid.store.disk import source_sha256
@@ -246,7 +246,9 @@ def _compare_on_page(
 ) -> None:
     """Write the page that compares the belts."""
     shown = {
-        folder / belt.name: OnPage(folder / belt.name, source.config, belt.made, belt.failures)
+        (place := folder / belt.name): OnPage(
+            place, source.config.data.files, belt.made, belt.failures
+        )
         for belt, source in zip(belts, sources, strict=True)
         if belt.states.get(REPORT, FAILED) != FAILED
     }
@@ -254,10 +256,10 @@ def _compare_on_page(
         return
     on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
     try:
-        if not up_to_date(page, made_from(*on_page, words=links_to(on_page, page)), force=force):
-            from beltid.stages.report_belt import of_belts
+        if mark_to_write(on_page, page, force=force):
+            from beltid.stages.report_belt import write_page
 
-            of_belts(on_page, page, force=force)
+            write_page(on_page, page, force=force)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
         next(belt for belt in belts if folder / belt.name == [*shown][-1]).failed(REPORT, error)
@@ -365,8 +367,7 @@ class Cluster(Workers):
             reason = " ".join(str(error).split())[:160] or type(error).__name__
             raise InputError(f"{self.about}: no workers can be reached: {reason}") from None
         refuse_others(self._client, self.about)
-        executor = self._client.get_executor(pure=False)
-        super().__init__(executor, max(2, sum(self._client.nthreads().values())))
+        super().__init__(self._client.get_executor(pure=False))
 
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
@@ -93,12 +93,8 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         rows.append({"config": str(path), "belt": config.belt.name, "recordings": recordings})
     if problems:
         raise ConfigError(problems)
-    return Summary(
-        stage="config check",
-        title="all keys known, all values allowed, all recordings found",
-        table=rows,
-        warnings=tuple(warnings),
-    )
+    title = "all keys known, all values allowed, all recordings found"
+    return Summary("config check", title, table=rows, warnings=tuple(warnings))
 
 
 def lacking(config: Config) -> list[str]:
@@ -108,34 +104,25 @@ def lacking(config: Config) -> list[str]:
 
 def wrong_recordings(source: ConfigSource) -> list[str]:
     """Return problems of the recordings that a config names, each with its line in the config."""
-    data, tables = source.config.data.files, source.config.run_tables
-    problems: list[str] = []
+    assert source.path is not None
+    places, data = read_source(source.path), source.config.data.files
+    tables, problems = source.config.run_tables, list[str]()
     if not data:
+        place = places.at(places.place(("data",)))
         text = "data names no recording, must be at least one of press, rig and speedloss"
-        problems.append(f"{_place(source, ('data',))}{text}")
+        problems.append(f"{place}{text}")
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        place = f"{_place(source, keys)}{format_path(keys)}"
-        problems += [f"{place} = {line}" for line in _file_problems(file, tables.values())]
+        place = f"{places.at(places.place(keys))}{format_path(keys)}"
+        if not exists(file):
+            problems.append(f"{place} = {file}, there is no such file")
+            continue
+        try:
+            sources_of(file, list(tables.values()))
+        except InputError as error:
+            problems += [f"{place} = {line}" for line in error.problems]
     return problems
-
-
-def _place(source: ConfigSource, keys: KeyPath) -> str:
-    assert source.path is not None
-    places = read_source(source.path)
-    return places.at(places.place(keys))
-
-
-def _file_problems(file: Path, tables: Iterable[Path]) -> tuple[str, ...]:
-    """Return the problems of the files of a path, as the text after its key."""
-    if not exists(file):
-        return (f"{file}, there is no such file",)
-    try:
-        sources_of(file, list(tables))
-    except InputError as error:
-        return error.problems
-    return ()
 
 
 def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from beltid.bench.recording import Recording
 from beltid.config import Config
@@ -38,7 +39,7 @@ from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
 from beltid.stages.inputs import Columns, friction_columns, press_law, span, with_tensions
-from beltid.stages.refine import (
+from beltid.stages.surface import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
@@ -68,8 +69,7 @@ SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", 
 COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
 """Columns of the friction table that a prediction needs."""
-ENOUGH: Final = 0.8
-"""Share of the usable measured runs below which a comparison is one of few runs."""
+ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
 MIN_SHARE_COMPARED: Final = 0.5
 """Share of compared runs below which the campaign fails: too few to judge it."""
 OF_PREDICTION: Final = {
@@ -168,10 +168,8 @@ class Predicted:
     """The predicted runs of one fold."""
 
     fold: Fold
-    part: RunsUncertainty
-    """The predicted coefficients and their uncertainty by source."""
-    beyond: int
-    """Number of predicted runs whose mean force no other run reached."""
+    part: RunsUncertainty  # the predicted coefficients and their uncertainty by source
+    beyond: int  # number of predicted runs whose mean force no other run reached
     warnings: tuple[str, ...] = ()
 
 
@@ -184,8 +182,7 @@ def predicted_runs(
     press = press_law(law, config)
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     calls = [(columns, press, config, fold) for fold in folds(columns, usable, by)]
-    found = dict(workers.as_ended(predict, calls))
-    predicted = [found[k] for k in range(len(calls))]
+    predicted = workers.run(predict, calls)
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     measured = {name: values[rows] for name, values in columns.items()}
     uncertainty = _of_all(predicted, measured["run"])
@@ -288,18 +285,13 @@ def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertain
 
 def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
     """Compare every run of a drive with its prediction, and judge those of enough torque."""
-    measured, table = slip.columns, drive.columns
-    rows = _predicted_rows(slip, drive)
-    there, ratio = rows >= 0, _ratio_at_idle(table)
-    predicted = {
-        name: np.where(there, (table[source] * ratio)[rows], np.nan)
-        for name, source in OF_PREDICTION.items()
-    }
+    measured, table = slip.columns, _predicted(slip, drive)
+    at_idle = table["speed_rad_s"].abs() + table["speed_loss_rad_s"]
+    ratio = table["driver_speed_rad_s"].abs() / at_idle.where(at_idle > 0.0)
+    predicted = {name: (table[source] * ratio).to_numpy() for name, source in OF_PREDICTION.items()}
     loss = measured["speed_loss_rad_s"]
     # Eq. (7): the standard error of the loss is that of the sliding speed over R
     radius = np.nanmedian(_over(measured["slip_speed_m_s"], loss))
-    shares = table["arc_used_deg"] / table["wrap_deg"]
-    used = [np.fmax.reduce(shares[table["run"] == run], initial=np.nan) for run in measured["run"]]
     points = LossPoints(
         measured=loss,
         measured_u=measured["slip_speed_se_m_s"] / radius,
@@ -309,12 +301,12 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
         seating=predicted["loss_seating_rad_s"],
         slip=predicted["loss_slip_rad_s"],
         torque=measured["torque_N_m"],
-        arc_share=np.array(used),
+        arc_share=table["arc_share"].to_numpy(),
         usable=measured["status"] == OK,
     )
     section = config.compare_drive
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
-    of_prediction = np.where(there, table["status"][rows], "no steady state")
+    of_prediction = table["status"].fillna("no steady state")
     status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
     status[(status == OK) & ~result.judged] = "torque too small to be judged"
     settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
@@ -358,26 +350,23 @@ def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
     return np.divide(values, by, out=np.full(by.size, np.nan), where=by != 0.0)
 
 
-def _predicted_rows(slip: Any, drive: Any) -> np.ndarray:
-    """Return the row of the loaded pulley for each measured run; -1 if not predicted."""
+def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
+    """Return the rows of the loaded pulley for the measured runs, missing if not predicted.
+
+    The largest sliding share of an arc is that over all pulleys.
+    """
     loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
         raise InputError(
             f"{name}: its points do not come from a recording; predict those of the "
             "recording with beltid simulate-drive --from"
         )
-    of_loaded = np.flatnonzero(drive.columns["pulley"] == loaded).tolist()
-    row_of = {drive.columns["run"][row]: row for row in of_loaded}
-    rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
-    if (rows < 0).all():
+    table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
+    shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
+    rows = table[table["pulley"] == loaded].set_index("run").assign(arc_share=shares)
+    if not rows.index.isin(runs).any():
         raise InputError(f"{name}: has none of the runs of {getattr(slip, 'path', 'slip')}")
-    return rows
-
-
-def _ratio_at_idle(columns: Columns) -> np.ndarray:
-    """Return the driver's speed over that of each pulley at idle."""
-    at_idle = np.abs(columns["speed_rad_s"]) + columns["speed_loss_rad_s"]
-    return _over(np.abs(columns["driver_speed_rad_s"]), np.where(at_idle > 0.0, at_idle, 0.0))
+    return rows.reindex(runs)
 
 
 def _status(measured: str, predicted: str) -> str:
@@ -392,16 +381,12 @@ def _status(measured: str, predicted: str) -> str:
 def _statements(result: LossAgreement) -> Iterator[str]:
     """State what the recording tests and what it does not test."""
     share, sizes = f"{100.0 * result.largest_arc_share:.0f} % of an arc slides", result.prominence
-    resolved, unresolved = (
-        ", ".join(
-            f"{name} ({size:.1f} standard uncertainties)"
-            for name, size in sizes.items()
-            if (size > RESOLVED) == is_resolved
-        )
-        for is_resolved in (True, False)
-    )
-    more = f"; too small to be seen in it: {unresolved}" if unresolved else ""
-    yield f"parts of the loss that this recording can test: {resolved or 'none'}{more}"
+    seen, unseen = list[str](), list[str]()
+    for name, size in sizes.items():
+        of = seen if size > RESOLVED else unseen
+        of.append(f"{name} ({size:.1f} standard uncertainties)")
+    more = f"; too small to be seen in it: {', '.join(unseen)}" if unseen else ""
+    yield f"parts of the loss that this recording can test: {', '.join(seen) or 'none'}{more}"
     if result.largest_arc_share <= MOST_OF_ARC:
         yield (
             f"friction is not tested: at most {share}, and short of full slip the loss hardly "

@@ -41,8 +41,7 @@ from beltid.uncertainty.drive import (
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import BENDING, SLOWER, Scatter, Source, budget, drive_sources
 
-SIGNIFICANT_LOSS: Final = 0.1
-"""Share of the largest loss above which a loss counts in the budget."""
+SIGNIFICANT_LOSS: Final = 0.1  # share of the largest loss above which a loss counts in the budget
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
 ALIKE_RADII: Final = (0.7, 1.5)

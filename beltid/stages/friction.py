@@ -61,8 +61,7 @@ REST: Final = 0.05
 MASS: Final = 0.2
 """Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
 MOST_ARCS: Final = 4
-MOST_SET_ASIDE: Final = 12
-"""Number of runs set aside that are kept for inspection."""
+MOST_SET_ASIDE: Final = 12  # number of runs set aside that are kept for inspection
 MOST_RUNS: Final = 480
 """Number of runs of a campaign that are kept as small pictures: the first ones."""
 SMALL_SAMPLES: Final = 80
@@ -79,14 +78,8 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         refuse_implausible(runs, config, kind)
         if not any(run.ok for run in runs):
             raise InputError([f"run {run.run} cannot be used: {run.status}" for run in runs])
-    runs = tuple(
-        replace(
-            run,
-            condition=run.condition or conditions.surface,
-            side=run.side or conditions.side,
-        )
-        for run in runs
-    )
+    for run in runs:
+        run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     stated = StandardUncertainties() if direct else standard_uncertainties(config)

@@ -31,8 +31,7 @@ from beltid.uncertainty.sources import StandardUncertainties
 Columns = Mapping[str, np.ndarray]
 UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
-NEAR_DEGC: Final = 5.0
-"""Distance of a temperature from that of a law up to which the law holds [K]."""
+NEAR_DEGC: Final = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""

@@ -13,7 +13,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from beltid._version import __version__
-from beltid.config import Config, ConfigSource, find_config
+from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
 from beltid.store.artifact import read_artifact
@@ -21,14 +21,12 @@ from beltid.store.disk import FOREIGN, OURS, check_place, page_source_sha256, re
 
 NAME: Final = "report.html"
 SUFFIXES: Final = (".html", ".htm")
-HEAD: Final = 4096
-"""Bytes at the beginning of a page that hold its generator and its mark."""
+HEAD: Final = 4096  # bytes at the beginning of a page that hold its generator and its mark
 MARK: Final = re.compile(
     r'<meta name="generator" content="beltid">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
 )
-SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
-"""Last line of a page."""
+SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"  # last line of a page
 ARTIFACTS: Final = {
     **{kind: kind for kind in ("stiffness", "slip", "friction", "surface")},
     "surface_refined": "surface",
@@ -40,8 +38,7 @@ ARTIFACTS: Final = {
     **{kind: kind for kind in ("press_curves", "rig_curves")},
 }
 """Artifacts that a report shows: file name -> kind."""
-CURVES: Final = ("press_curves", "rig_curves")
-"""Artifacts that are not part of the chain."""
+CURVES: Final = ("press_curves", "rig_curves")  # artifacts that are not part of the chain
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +46,11 @@ class OnPage:
     """A belt on a page, by the results in its folder."""
 
     folder: Path
-    config: Config | None
-    """Its config, if known; results of recordings that it does not name are not shown."""
+    recordings: Collection[str] = ()
+    """Kinds that its config names, results of others are not shown; empty if it is not known."""
     made: Collection[str] | None = None
     """Names of the results that `run` has made or found up to date; others are not shown."""
-    failures: tuple[str, ...] = ()
-    """Stages that failed, each with its exit status and its message."""
-
-    @property
-    def recordings(self) -> list[str]:
-        """Kinds of the recordings that the config names; empty if it is not known."""
-        return [] if self.config is None else sorted(self.config.data.files)
+    failures: tuple[str, ...] = ()  # stages that failed, each with its exit status and its message
 
     def is_left(self, name: str) -> bool:
         """Return whether an artifact is left from an earlier run."""
@@ -75,19 +66,29 @@ class OnPage:
                 except ArtifactError as error:
                     shown[name] = str(error)
         left = [name for name in shown if self.is_left(name)]
-        return [self.folder.resolve().name, shown, left, self.recordings, self.failures]
-
-
-def made_from(*belts: OnPage, words: Collection[str] = ()) -> str:
-    """Return the mark of a page of belts, with further text on it."""
-    record = [__version__, page_source_sha256(), list(words), [b.content() for b in belts]]
-    return sha256(json.dumps(record).encode())
+        return [self.folder.resolve().name, shown, left, sorted(self.recordings), self.failures]
 
 
 def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
     """Return the links of a page that compares belts to their own pages."""
     above = out.absolute().parent
     return [quote(Path(os.path.relpath(b.folder / NAME, above)).as_posix()) for b in belts]
+
+
+def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
+    """Return the mark of a page of belts; empty if that at `out` is up to date.
+
+    Any other file is not replaced, a page that was edited is written again.
+    """
+    check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
+    links = links_to(belts, out) if len(belts) > 1 else []
+    record = [__version__, page_source_sha256(), links, [belt.content() for belt in belts]]
+    mark = sha256(json.dumps(record).encode())
+    if force or not out.exists() or mark_of(out) != mark:
+        return mark
+    text = read_bytes(out, ArtifactError)
+    body = text[: -len(SEAL.format("0" * 64))]
+    return "" if text == body + SEAL.format(sha256(body)).encode() else mark
 
 
 def mark_of(page: Path) -> str | None:
@@ -102,25 +103,18 @@ def sealed(text: str) -> str:
     return text + SEAL.format(sha256(text.encode()))
 
 
-def up_to_date(out: Path, mark: str, *, force: bool) -> bool:
-    """Return whether the page at `out` is up to date; refuse to replace any other file."""
-    check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
-    if force or not out.exists() or mark_of(out) != mark:
-        return False
-    text = read_bytes(out, ArtifactError)  # a page that was edited is written again
-    body = text[: -len(SEAL.format("0" * 64))]
-    return text == body + SEAL.format(sha256(body)).encode()
+def recordings_of(folder: Path) -> Collection[str]:
+    """Return the recordings that the config of a folder names; empty if it is not known.
 
-
-def config_of(folder: Path) -> Config | None:
-    """Return the config found for a folder if its results were made with it, else None."""
+    It is the config found for the folder, if the results were made with it.
+    """
     with contextlib.suppress(ConfigError):
         config = find_config(folder / "stiffness.parquet").config
         for name in ("friction", "stiffness", "slip"):
             with contextlib.suppress(ArtifactError):
                 made_with = read_artifact(folder / f"{name}.parquet", name).record.config_sha256
-                return config if made_with == config.sha256 else None
-    return None
+                return config.data.files if made_with == config.sha256 else ()
+    return ()
 
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:

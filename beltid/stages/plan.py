@@ -27,8 +27,8 @@ from beltid.stages.inputs import (
     standard_uncertainties,
     surface_from,
 )
-from beltid.stages.refine import NEEDED
 from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
+from beltid.stages.surface import NEEDED
 from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.sources import (
@@ -54,10 +54,8 @@ COLUMNS: Final = (
 class PlannedRuns:
     """The next runs of a rig."""
 
-    plan: Plan
-    """Gain of the runs, remaining uncertainty, and whether to stop."""
-    target: Target
-    """Where the surface has to be known."""
+    plan: Plan  # gain of the runs, remaining uncertainty, and whether to stop
+    target: Target  # where the surface has to be known
 
 
 def planned(

@@ -15,7 +15,7 @@ from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
 from beltid.params import OperatingPoint
-from beltid.report.page import Page, belt_page, belts_page, rendered
+from beltid.report.page import belt_page, belts_page, rendered
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
@@ -27,12 +27,11 @@ from beltid.stages.page_mark import (
     CURVES,
     NAME,
     OnPage,
-    config_of,
     keep_curves,
     links_to,
-    made_from,
+    mark_to_write,
+    recordings_of,
     sealed,
-    up_to_date,
 )
 from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, misfits, read_artifact, refuse_misfits
@@ -53,39 +52,33 @@ def run(
         for folder in folders:
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
-    belts = [OnPage(folder, config_of(folder)) for folder in folders]
+    belts = [OnPage(folder, recordings_of(folder)) for folder in folders]
     if len(belts) == 1:
-        return of_belt(belts[0], out or folders[0] / NAME, force=force)
-    single = [of_belt(belt, belt.folder / NAME, force=force) for belt in belts]
+        return write_page(belts, out or folders[0] / NAME, force=force)
+    single = [write_page([belt], belt.folder / NAME, force=force) for belt in belts]
     above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
-    comparison = of_belts(belts, out or above / NAME, force=force)
+    comparison = write_page(belts, out or above / NAME, force=force)
     if comparison.up_to_date and not all(summary.up_to_date for summary in single):
         log.info("%s is up to date", comparison.out)
     return comparison
 
 
-def of_belt(belt: OnPage, out: Path, *, force: bool = False) -> Summary:
-    """Write the report of one belt, unless it is up to date."""
-    mark, results = made_from(belt), gather(belt)
-    if up_to_date(out, mark, force=force):
-        return _finish([results], out)
-    profiles, problems = arc_profiles(results.sheets)
-    results = replace(results, profiles=profiles, problems=(*results.problems, *problems))
-    return _finish([results], out, belt_page(results, mark))
+def write_page(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summary:
+    """Write the page of a belt, or one that compares several with links to theirs; if not in date.
 
-
-def of_belts(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summary:
-    """Write the page that compares belts, with links to their pages, unless it is up to date."""
-    links = links_to(belts, out)
-    mark, results = made_from(*belts, words=links), [gather(belt) for belt in belts]
-    kept = up_to_date(out, mark, force=force)
-    return _finish(results, out, None if kept else belts_page(results, links, mark))
-
-
-def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None) -> Summary:
-    """Write a new page, and summarise it; without one, that of an earlier call is up to date."""
-    facts: dict[str, Any] = {}
-    if page is not None:
+    Its text has a seal in the last line.
+    """
+    facts, results = dict[str, Any](), [gather(belt) for belt in belts]
+    mark = mark_to_write(belts, out, force=force)
+    if mark:
+        if len(belts) > 1:
+            page = belts_page(results, links_to(belts, out), mark)
+        else:
+            (result,) = results
+            profiles, problems = arc_profiles(result.sheets)
+            problems = [*result.problems, *problems]
+            results = [replace(result, profiles=profiles, problems=tuple(problems))]
+            page = belt_page(results[0], mark)
         text = sealed(rendered(page))
         write_text(out, text)
         facts = {
@@ -103,7 +96,7 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
         table=[_row(result) | ({"origin": result.origin} if mixed else {}) for result in results],
         warnings=tuple(f"{result.belt}: {line}" for result in results for line in result.problems),
         verdict=verdict_of(results[0]).headline if len(results) == 1 else "",
-        up_to_date=page is None,
+        up_to_date=not mark,
         origin=None if mixed else next(iter(origins)),
     )
 
@@ -158,9 +151,8 @@ def gather(belt: OnPage) -> BeltResults:
 
 def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
     """Return why an artifact is not shown; empty if it is."""
-    named = belt.recordings
     for kind in artifact.record.ancestors:
-        if kind in RECORDINGS and named and kind not in named:
+        if belt.recordings and kind in RECORDINGS and kind not in belt.recordings:
             return f"the config names no {kind} recording"
     return "left from an earlier run" if belt.is_left(name) else ""
 

@@ -64,8 +64,7 @@ OPTIONS: Final = ("--arc", "--tension", "--speed")
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
-PER_CALL: Final = 24
-"""Number of runs whose uncertainty a worker computes in one call."""
+PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
@@ -90,37 +89,8 @@ class PlannedRun:
         return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """Runs of a simulated campaign, in their order, each with its result or its failure."""
-
-    bench: Bench
-    runs: tuple[PlannedRun, ...]
-    results: tuple[RunResult | BeltidError, ...]
-
-    @property
-    def failures(self) -> list[tuple[PlannedRun, BeltidError]]:
-        """Runs that failed."""
-        pairs = zip(self.runs, self.results, strict=True)
-        return [(run, result) for run, result in pairs if isinstance(result, BeltidError)]
-
-    @property
-    def finished(self) -> list[tuple[PlannedRun, RunResult]]:
-        """Runs that succeeded."""
-        pairs = zip(self.runs, self.results, strict=True)
-        return [(run, result) for run, result in pairs if not isinstance(result, BeltidError)]
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return a row per run: settings, sliding state, status."""
-        return [
-            {
-                "run": run.label,
-                **{name: getattr(run, name) for name in SETTINGS},
-                **{name: getattr(result, name, None) for name in STATE},
-                "status": "; ".join(getattr(result, "problems", ("ok",))),
-            }
-            for run, result in zip(self.runs, self.results, strict=True)
-        ]
+Results = Mapping[PlannedRun, RunResult | BeltidError]
+"""Runs of a simulated campaign, in their order, each with its result or its failure."""
 
 
 def simulated(
@@ -131,63 +101,86 @@ def simulated(
     picked: Sequence[Sequence[float]],
     method: str | None,
     workers: Workers,
-) -> Outcome[Campaign]:
+) -> Outcome[Results]:
     """Simulate the runs of `friction`, else those of the config, and reduce nothing."""
-    refuse_running(config)
-    settings = simulation_settings(config, method)
-    measured = None if friction is None else measured_settings(friction.columns, config)
-    runs = planned_runs(config, measured, picked)
+    settings, press = simulation_settings(config, method), press_law(law, config)
+    bench = bench_of(config, surface, press.law)
+    runs = planned_runs(config, None if friction is None else friction.columns, picked)
     log.info("%s, %s", counted(len(runs), "run"), settings.method)
-    press = press_law(law, config)
-    campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
-    failed = campaign.failures
-    failures = [f"run {run.label}: {line}" for run, e in failed for line in e.problems]
-    if not campaign.finished:
+    results = simulate(bench, runs, settings, workers)
+    good, rows = finished(results), rows_of_runs(results)
+    failed = {run: error for run, error in results.items() if isinstance(error, BeltidError)}
+    failures = [f"run {run.label}: {line}" for run, e in failed.items() for line in e.problems]
+    if not good:
         raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
-    uncertainty, notes = _uncertainty(campaign, config, press, stored, settings.elements, workers)
-    runs, results = zip(*campaign.finished, strict=True)
-    outside = sum(result.record.clamped_lookups for result in results)
-    lookups = sum(result.record.lookups for result in results)
-    notes = [*guided_weight(config, [run.point for run in runs]), *notes]
-    if outside:
-        notes.insert(
-            0,
-            f"{percent(100 * outside / lookups)} of the sliding contact points lie outside the "
-            "measured range of the surface: the nearest measured value was used",
-        )
-    columns, rows = recording_columns(campaign.finished, config), campaign.rows()
+    uncertainty, notes = _uncertainty(good, bench, config, press, stored, workers)
+    outside = sum(result.record.clamped_lookups for result in good.values())
+    lookups = sum(result.record.lookups for result in good.values())
+    beyond = (
+        f"{percent(100 * outside / max(lookups, 1))} of the sliding contact points lie outside the "
+        "measured range of the surface: the nearest measured value was used"
+    )
+    columns = recording_columns(good.items(), config)
     return Outcome(
         columns,
-        campaign,
+        results,
         facts={
             "method": settings.method,
             "runs": len(rows),
             "runs_failed": len(failed),
             "samples": len(columns["time_s"]),
-            "mu_range": span([result.mu for result in results]),
+            "mu_range": span([result.mu for result in good.values()]),
             "clamped_lookups": outside,
             "lookups": lookups,
             **({"uncertainty": uncertainty.extra()} if uncertainty else {}),
         },
         tables={"simulated_runs": rows},
-        validity={name: span([getattr(run, name) for run in runs]) for name in SETTINGS},
-        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
-        notes=tuple(notes),
+        validity={name: span([getattr(run, name) for run in good]) for name in SETTINGS},
+        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed.items()],
+        notes=(
+            *([beyond] if outside else []),
+            *guided_weight(config, [run.point for run in good]),
+            *notes,
+        ),
         warnings=tuple(failures),
         verdict=f"{len(failed)} of {len(rows)} runs failed" if failed else "",
         passed=False if failed else None,
     )
 
 
+def finished(results: Results) -> dict[PlannedRun, RunResult]:
+    """Return the runs that succeeded."""
+    return {run: result for run, result in results.items() if isinstance(result, RunResult)}
+
+
+def rows_of_runs(results: Results) -> list[dict[str, Any]]:
+    """Return a row per run: settings, sliding state, status."""
+    rows = []
+    for run, result in results.items():
+        failed = isinstance(result, BeltidError)
+        rows.append(
+            {
+                "run": run.label,
+                **{name: getattr(run, name) for name in SETTINGS},
+                **{name: None if failed else getattr(result, name) for name in STATE},
+                "status": "; ".join(result.problems) if isinstance(result, BeltidError) else "ok",
+            }
+        )
+    return rows
+
+
 def planned_runs(
-    config: Config, measured: np.ndarray | None = None, picked: Sequence[Sequence[float]] = ()
+    config: Config,
+    friction: Columns | None = None,
+    picked: Sequence[Sequence[float]] = ((), (), ()),
 ) -> tuple[PlannedRun, ...]:
     """Return the runs to simulate, in the order of the setting lists.
 
-    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that the user wants; an empty list
-    means all.
+    `friction` has the runs of the bench, `picked` the arcs [deg], tensions [N] and speeds [rad/s]
+    that the user wants; an empty list means all.
     """
+    measured = None if friction is None else measured_settings(friction, config)
     lists = setting_lists(config, measured)
     settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
     if not settings:
@@ -197,17 +190,15 @@ def planned_runs(
             f"simulate: {keys}"
         )
     problems, wanted = list[str](), []
-    for option, values, of, gap in zip(
-        OPTIONS, picked or ((), (), ()), lists, SAME_SETTING.values(), strict=True
-    ):
-        near = [_same_setting(np.array(of), value, gap) for value in values]
+    for option, values, of, gap in zip(OPTIONS, picked, lists, SAME_SETTING.values(), strict=True):
+        near = {value: _same_setting(np.array(of), value, gap) for value in values}
+        known = listed([f"{setting:.4g}" for setting in of])
         problems += [
-            f"{option} = {value:g}, must be one of those of the campaign: "
-            + listed([f"{setting:.4g}" for setting in of])
-            for value, found in zip(values, near, strict=True)
+            f"{option} = {value:g}, must be one of those of the campaign: {known}"
+            for value, found in near.items()
             if not found
         ]
-        wanted.append({x for found in near for x in found} if near else set(of))
+        wanted.append({x for found in near.values() for x in found} or set(of))
     if problems:
         raise InputError(problems)
     return tuple(
@@ -296,7 +287,7 @@ def bench_of(config: Config, surface: Any, law: Any) -> Bench:
 
 def simulate(
     bench: Bench, runs: Sequence[PlannedRun], settings: SimulationSettings, workers: Workers
-) -> Campaign:
+) -> Results:
     """Simulate runs by workers, and report the progress; the results do not depend on them."""
     results: dict[int, RunResult | BeltidError] = {}
     points = [run.point for run in runs]
@@ -307,7 +298,7 @@ def simulate(
             for index, result in zip(groups[number], part, strict=True):
                 results[index] = result
                 advance()
-    return Campaign(bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
+    return {run: results[i] for i, run in enumerate(runs)}
 
 
 def simulated_group(
@@ -361,50 +352,41 @@ def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str,
 
 
 def _uncertainty(
-    campaign: Campaign,
+    good: Mapping[PlannedRun, RunResult],
+    bench: Bench,
     config: Config,
     press: PressLaw,
     stored: Mapping[str, Any],
-    elements: int | None,
     workers: Workers,
 ) -> tuple[RunsUncertainty | None, list[str]]:
-    """Return the uncertainty of the simulated runs of a campaign; a note if it stays unknown."""
-    runs, results = zip(*campaign.finished, strict=True)
-    numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
+    """Return the uncertainty of simulated runs; a note if it stays unknown."""
+    numbers, arcs = numbered_arcs([run.arc_deg for run in good], stored.get("arcs_deg", ()))
     stated = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
     sources = with_rig_sources(sources_of(stored.get("sources", ())), stated)
-    points, kind = [run.point for run in runs], rig_kind(config)
-    pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
-    mu, labels = np.array([result.mu for result in results]), [run.label for run in runs]
-    bench, of_rig = campaign.bench, (sources, elements, kind, False)
+    points, labels = [run.point for run in good], [run.label for run in good]
+    mu = np.array([result.mu for result in good.values()])
+    of_rig = sources, config.simulation.elements, rig_kind(config), False
     calls = [
         (bench, press, points[piece], numbers[piece], *of_rig, labels[piece], mu[piece])
-        for piece in pieces
+        for piece in (slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL))
     ]
     try:
-        parts = dict(workers.as_ended(simulated_uncertainty, calls))
+        return RunsUncertainty.joined(workers.run(simulated_uncertainty, calls)), []
     except BeltidError as error:
         return None, [f"uncertainty of the simulated runs is not known: {error.problems[0]}"]
-    return RunsUncertainty.joined([parts[i] for i in range(len(pieces))]), []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedRun:
     """One run of the simulated rig."""
 
-    settings: PlannedRun
-    """Arc, initial tension, pulley speed."""
-    result: RunResult
-    """All results of the simulation as plain arrays."""
+    settings: PlannedRun  # arc, initial tension, pulley speed
+    result: RunResult  # all results of the simulation as plain arrays
     config: Config
-    tension_tight_N: float
-    """Support force of the tight span while sliding [N]."""
-    tension_slack_N: float
-    """Support force of the slack span while sliding [N]."""
-    mu: float
-    """Friction coefficient by Eq. (6) from these tensions [-]."""
-    normal_force_N_m: float
-    """Mean normal force per length by Eq. (8) [N/m]."""
+    tension_tight_N: float  # support force of the tight span while sliding [N]
+    tension_slack_N: float  # support force of the slack span while sliding [N]
+    mu: float  # friction coefficient by Eq. (6) from these tensions [-]
+    normal_force_N_m: float  # mean normal force per length by Eq. (8) [N/m]
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -482,7 +464,7 @@ def simulate_rig(
     if elements is not None and not is_number(elements):
         raise InputError(f"elements = {elements!r}, must be a whole number, even and >= 4")
     settings = simulation_settings(model, method, elements)
-    (result,) = simulate(bench_of(model, surface, law), [run], settings, Workers()).results
+    result = simulate(bench_of(model, surface, law), [run], settings, Workers())[run]
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(run, result, model, *(float(getattr(result, name)) for name in STATE))
@@ -535,10 +517,9 @@ def simulate_campaign(
     """
     import pandas as pd
 
-    model, measured = as_measured(load_config(config), friction), None
-    if friction is not None:
-        measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
+    model = as_measured(load_config(config), friction)
+    measured = None if friction is None else friction_columns(friction, tuple(KEYS))
     runs = planned_runs(model, measured)
     settings = simulation_settings(model, method, elements)
-    campaign = simulate(bench_of(model, surface, law), runs, settings, threads(jobs))
-    return pd.DataFrame(campaign.rows()).astype(dict.fromkeys(STATE, float))
+    results = simulate(bench_of(model, surface, law), runs, settings, threads(jobs))
+    return pd.DataFrame(rows_of_runs(results)).astype(dict.fromkeys(STATE, float))

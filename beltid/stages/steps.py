@@ -232,7 +232,7 @@ def refine_surface(
     --------
     beltid refine-surface friction.parquet stiffness.parquet
     """
-    from beltid.stages.refine import refined
+    from beltid.stages.surface import refined
 
     return refined(friction, law, config, {"condition": condition, "side": side}, workers)
 
@@ -303,11 +303,6 @@ def simulate_recording(
     jobs : int, optional
         Runs simulated at the same time. Default: one per core.
 
-    Returns
-    -------
-    Outcome
-        A row per sample.
-
     Examples
     --------
     beltid simulate-rig surface.parquet stiffness.parquet --arc 82
@@ -338,12 +333,11 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
 
     Parameters
     ----------
-    friction, simulated
+    friction, simulated, config
         The reduced runs of the bench; a simulated recording with the columns of rig.csv from
         perfect load cells, or reduced runs (for a second bench, of its recording by
-        `fit_friction`), or the table of `simulate_campaign`.
-    config : Config, dict, path or None
-        Tolerances, and for a recording the settings of its reduction.
+        `fit_friction`), or the table of `simulate_campaign`; tolerances, and for a recording the
+        settings of its reduction.
 
     Returns
     -------
@@ -441,11 +435,6 @@ def predict_drive(
         slip.parquet of fit-slip: predict the operating points of that recording instead of those of
         the config.
 
-    Returns
-    -------
-    Outcome
-        A row per point and pulley with the columns of drive.parquet.
-
     Raises
     ------
     InputError, NumericsError
@@ -482,11 +471,6 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
     ----------
     slip, drive, config
         The measured losses, the prediction of the same recording (an `Outcome`); tolerance.
-
-    Returns
-    -------
-    Outcome
-        A row per measured run.
 
     Examples
     --------

@@ -1,18 +1,37 @@
-"""From friction coefficients of the runs to mu(f_N, v), as published (section 2.2)."""
+"""From friction coefficients of the runs to mu(f_N, v): as published (section 2.2), and refined.
+
+The refined surface is the one with which the simulated rig gives the measured tensions: the
+solution of the inverse problem.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import BeltidError, InputError, counted
+from beltid.errors import BeltidError, InputError, counted, percent
+from beltid.identify.estimators import settings_of
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import Rig
+from beltid.refine.inverse import (
+    CONFOUNDED,
+    TOGETHER,
+    RefinedSurface,
+    ShownEffect,
+    contradictions,
+    refine_surface,
+    shown_effects,
+)
+from beltid.refine.posterior import SCATTER
+from beltid.rig.model import Bench
 from beltid.stage import Outcome
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
@@ -20,17 +39,57 @@ from beltid.stages.inputs import (
     at,
     friction_columns,
     ok_rows,
+    press_law,
     span,
     standard_uncertainties,
 )
+from beltid.stages.rig import guided_weight, refuse_running
+from beltid.stages.workers import Workers
 from beltid.tables.schemas import CONDITIONS
-from beltid.uncertainty.measured import measured_runs, own_errors, published_uncertainty, valid_rows
-from beltid.uncertainty.sources import StandardUncertainties, SurfaceUncertainty
+from beltid.uncertainty.measured import (
+    PressLaw,
+    measured_runs,
+    own_errors,
+    published_uncertainty,
+    valid_rows,
+)
+from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.sources import (
+    ARC,
+    COURSE,
+    ORDER,
+    TEMPERATURE,
+    StandardUncertainties,
+    SurfaceUncertainty,
+    all_sources,
+    reduction_sources,
+)
 
 NO_ARC_DEG: Final = 90.0
 """Arc of coefficients that a table states without one: they form a single group and do not depend
 on the calibration of a rig."""
 MEASURED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+NEEDED: Final = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
+REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
+SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
+SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
+MOST_NOISE: Final = 3.0
+EFFECTS: Final = {
+    ARC: ("difference between arcs", "a wear track, or a wrong arc or load cell"),
+    ORDER: ("steady change over the campaign", "run-in or wear; the surface holds for its middle"),
+    COURSE: ("other change over the campaign, root mean square", "the surface holds for its mean"),
+    TEMPERATURE: (
+        "temperature, per 10 K",
+        "the surface holds for the mean of the runs, or for friction.reference_temperature_degC "
+        "with friction.correct_temperature: true",
+    ),
+    TOGETHER: (
+        "order or temperature, over the campaign",
+        "the temperature rises with the order of the runs",
+    ),
+    SCATTER: ("scatter from run to run", ""),
+}
+"""Effect in the runs -> its name, and what it may be or what it means for the surface."""
 
 
 def published(
@@ -163,3 +222,267 @@ def _parameter(p: Any) -> str:
     unit = f" {p.unit}" if p.unit not in ("", "-") else ""
     error = f"{p.se:.2g}" if p.se is not None and np.isfinite(p.se) else "?"
     return f"{p.name} = {p.value:.5g} ± {error}{unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """A refined surface with the runs that it was made from."""
+
+    refined: RefinedSurface  # the solution of the inverse problem
+    runs: tuple[str, ...]
+    arcs_deg: np.ndarray  # arcs of these runs [deg]
+    effects: tuple[ShownEffect, ...] = ()  # effects in the runs that the surface does not describe
+
+    @property
+    def surface(self) -> FrictionSurface:
+        """The refined surface with its covariance."""
+        return with_covariance(self.refined)
+
+    def misfit_table(self) -> list[dict[str, Any]]:
+        """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
+        misfits = {"before": self.refined.misfit_before, "after": self.refined.misfit_after}
+        groups = {f"arc {arc:g}°": self.arcs_deg == arc for arc in np.unique(self.arcs_deg)}
+        rows = []
+        for name, of in {"all runs": np.full(self.arcs_deg.size, True), **groups}.items():
+            row: dict[str, Any] = {"group": name, "runs": int(np.count_nonzero(of))}
+            for when, misfit in misfits.items():
+                row[f"rms_{when}_percent"] = 100.0 * float(np.sqrt(np.mean(misfit[of] ** 2)))
+                row[f"mean_{when}_percent"] = 100.0 * float(np.mean(misfit[of]))
+            rows.append(row)
+        return rows
+
+    def arc_spread(self, misfit: np.ndarray) -> float:
+        """Return the standard deviation of the arcs' mean misfits [-]; nan for a single arc."""
+        means = [np.mean(misfit[self.arcs_deg == arc]) for arc in np.unique(self.arcs_deg)]
+        return float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
+
+
+def with_covariance(found: RefinedSurface) -> FrictionSurface:
+    """Return a refined surface with its covariance by source."""
+    names = [source.name for source in found.sources]
+    return found.surface.with_covariance(found.uncertainty.factor, names)
+
+
+def refined(
+    friction: Any,
+    law: Any,
+    config: Config,
+    chosen: Mapping[str, str | None],
+    workers: Workers | None,
+) -> Outcome[Refinement]:
+    """Refine the surface of the usable runs of one condition, in a worker."""
+    press, columns = press_law(law, config), friction_columns(friction, NEEDED)
+    with at(friction):
+        campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
+    reference, measured = reference_temperature(config, campaign), campaign.measured
+    n_arcs = int(measured.arc.max()) + 1
+    stated = all_sources(standard_uncertainties(config), n_arcs, press.has_scatter)
+    shared = (*stated, *reduction_sources(measured.columns))
+    calls = [(campaign, speeds, shared, reference)]
+    (found,) = (workers or Workers()).run(refine_surface, calls)
+    runs, arcs = tuple(str(columns["run"][i]) for i in used), columns["arc_deg"][used]
+    result = Refinement(found, runs, arcs, shown_effects(found))
+    ranges = measured.normal_force, measured.slip_speed
+    facts, tables, notes = said_of_surface(found.surface, columns, used, ranges, found.uncertainty)
+    spread = [100.0 * result.arc_spread(x) for x in (found.misfit_before, found.misfit_after)]
+    return Outcome(
+        _table(result, columns["slip_speed_m_s"][used]),
+        result,
+        facts={
+            "runs": len(runs),
+            "iterations": found.iterations,
+            "noise_over_stated_errors": found.noise_scale,
+            "effective_parameters": found.effective_parameters,
+            "arc_to_arc_spread_before_percent": spread[0],
+            "arc_to_arc_spread_after_percent": spread[1],
+            "method": "refined",
+            "reference_temperature_degC": reference,
+            **facts,
+        },
+        tables={
+            "misfit": result.misfit_table(),
+            "effects": [
+                {
+                    "effect": EFFECTS[effect.key][0],
+                    "size_percent": 100.0 * effect.size,
+                    "standard_uncertainty_percent": 100.0 * effect.uncertainty,
+                    "clear": effect.is_clear,
+                    "explained_percent": 100.0 * effect.explained,
+                }
+                for effect in result.effects
+            ],
+            **tables,
+        },
+        validity=found.surface.validity,
+        set_aside=set_aside,
+        notes=(
+            "the surface covers all forces within the contacts of the runs, peaks included; beyond "
+            "the mean forces of the runs it is inferred from them",
+            *_unclear(result.effects),
+            *_bending_stiffness(found),
+            *guided_weight(config, measured.points),
+            *notes,
+        ),
+        warnings=(*found.convergence_warnings(), *_disagreement(result)),
+    )
+
+
+def prepared_campaign(
+    columns: Columns, press: PressLaw, config: Config, chosen: Mapping[str, str | None]
+) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Return the campaign with its initial surface, speeds, rows, and the runs set aside."""
+    rig = rig_of_runs(columns, config)
+    good, set_aside = usable_runs(columns, rig)
+    good = rows_of_one(columns, good, chosen)
+    if good.size < 4:
+        reasons = Counter(row["why"] for row in set_aside)
+        why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
+        raise InputError(f"{counted(good.size, 'run')} can be used, at least 4 are needed{why}")
+    start = published_from(columns, good).surface
+    measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
+    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
+    speeds = _speeds(start.slip_speed_m_s, np.abs(columns["slip_speed_m_s"][good]))
+    return Campaign(measured, bench, press), speeds, good, set_aside
+
+
+def rig_of_runs(columns: Columns, config: Config) -> Rig:
+    """Return the rig that the runs are simulated on.
+
+    While the whole arc slides, one tension determines the other, whatever the history. If no
+    tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
+    """
+    if "torque_with" in columns and config.rig.kind != "torque":
+        raise InputError(
+            "column torque_with: the tensions of the friction table were measured together with a "
+            "torque, and the table does not say what else was; pass the result of fit_friction, "
+            "its DataFrame or its file"
+        )
+    refuse_running(config)
+    rig = config.rig_params()
+    initial = np.asarray(columns["initial_tension_N"], dtype=float)
+    if rig.given_force == "none" and not np.isfinite(initial).any():
+        return replace(rig, given_force="hub")
+    return rig
+
+
+def usable_runs(columns: Columns, rig: Rig) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Return the usable rows, and the others with the reason."""
+    needed = (*MEASURED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
+    status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
+    why = np.where(status == "ok", "", status).astype(object)
+    for key in needed:
+        value = np.asarray(columns[key], dtype=float)
+        why[(why == "") & np.isnan(value)] = f"{key} is not known"
+        for i in np.flatnonzero((why == "") & ~((value > 0.0) & (value < math.inf))):
+            why[i] = f"{key} = {value[i]:g}, must be > 0"
+    aside = np.flatnonzero(why != "")
+    rows = [{"run": str(columns["run"][i]), "why": str(why[i])} for i in aside]
+    return np.flatnonzero(why == ""), rows
+
+
+def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the speeds of the refined surface [m/s]: those published, and those left out there."""
+    far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
+    if far.size == 0:
+        return published
+    label = settings_of(far, SETTING_GAP)
+    return np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
+
+
+def reference_temperature(config: Config, campaign: Campaign) -> float | None:
+    """Return the temperature to which the surface is corrected [°C]; None without correction."""
+    if not config.friction.correct_temperature:
+        return None
+    temperature = campaign.measured.temperature_degC
+    if temperature is None or not np.isfinite(temperature).any():
+        raise InputError(
+            "friction.correct_temperature: true, but no run has a temperature; found no values in "
+            "the column temperature_degC"
+        )
+    stated = config.friction.reference_temperature_degC
+    return float(np.nanmean(temperature)) if stated is None else stated
+
+
+def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the rows of the surface table: the common surface of all arcs."""
+    surface = result.refined.surface
+    forces, speeds, n = surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes.size
+    nearest = np.argmin(np.abs(np.log(run_speed[:, None] / speeds)), axis=1)
+    arcs = [np.unique(result.arcs_deg[nearest == k]).size for k in range(speeds.size)]
+    assert surface.mu_se_nodes is not None
+    return {
+        "arc_deg": np.full(n, np.nan),
+        "normal_force_N_m": np.repeat(forces, speeds.size),
+        "slip_speed_m_s": np.tile(speeds, forces.size),
+        "mu": surface.mu_nodes.ravel(),
+        "mu_se": surface.mu_se_nodes.ravel(),
+        "n_arcs": np.tile(np.array(arcs), forces.size),
+        "mu_spread": np.full(n, np.nan),
+        **result.refined.uncertainty.columns(n),
+    }
+
+
+def _disagreement(result: Refinement) -> Iterator[str]:
+    """Yield what no surface explains: effects, scatter, errors larger than stated, outliers."""
+    found, scale = result.refined, result.refined.noise_scale
+    for effect in result.effects:
+        if effect.is_clear:
+            what, meaning = EFFECTS[effect.key]
+            of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
+            digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
+            yield (
+                f"friction changes by {100 * effect.size:+.{digits}f} ± "
+                f"{100 * effect.uncertainty:.{digits}f} %{of} ({what}): {meaning}"
+            )
+    if scale > MOST_NOISE:
+        yield (
+            f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
+            f"{MOST_NOISE:g} is usual: something other than order and temperature changed from "
+            "run to run; the uncertainty of the surface includes it as scatter"
+        )
+    for unusual in found.effects:
+        if unusual.is_unusual:
+            yield (
+                f"{EFFECTS[unusual.effect.key][0]}: larger than such an effect can be expected to "
+                f"be (standard deviation {percent(100 * unusual.largest_usual)}); the simulated "
+                "rig may not describe this bench"
+            )
+    for name, size in contradictions(found).items():
+        yield (
+            f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
+            "uncertainty is wrong, or the simulated rig does not describe this bench"
+        )
+    for k in np.flatnonzero(found.fit.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
+
+
+def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
+    """Yield notes on effects that the runs cannot tell from the surface, or from others."""
+    hidden = [
+        f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
+        for effect in effects
+        if effect.is_confounded
+    ]
+    if hidden:
+        yield (
+            f"changed together with the force and the speed of the runs: {', '.join(hidden)}; "
+            f"above {100 * CONFOUNDED:g} % its influence on the friction cannot be told from "
+            "theirs. Measure in random order, and repeat some runs at the end"
+        )
+    if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
+        yield (
+            f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
+            "nearly as well: it is not claimed; make the runs in random order"
+        )
+
+
+def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
+    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
+    EI = found.campaign.bench.belt.EI
+    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
+        if source.error == "bending_stiffness":
+            yield (
+                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
+                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
+                f"{100 * source.size * sd:.2g} %; the surface was found with the first value"
+            )

@@ -15,15 +15,17 @@ Result = TypeVar("Result")
 
 
 class Workers:
-    """An executor of `concurrent.futures` for so many heavy calls; without one, this thread."""
+    """An executor of `concurrent.futures` for heavy calls; without one, this thread."""
 
-    def __init__(self, executor: Executor | None = None, jobs: int = 1) -> None:
-        self.executor, self.jobs = executor, jobs
+    def __init__(self, executor: Executor | None = None) -> None:
+        self.executor = executor
 
-    def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Run one call and return its result."""
-        ((_, result),) = self.as_ended(function, [arguments])
-        return result
+    def run(
+        self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
+    ) -> list[Result]:
+        """Return the results of many calls, in their order."""
+        found = dict(self.as_ended(function, calls))
+        return [found[k] for k in range(len(calls))]
 
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
@@ -45,7 +47,7 @@ class Workers:
 def threads(jobs: int | None = None) -> Workers:
     """Return so many threads of this process, None: one per core; compiled kernels run in all."""
     count = jobs or available_cores()
-    return Workers(ThreadPoolExecutor(count), count) if count > 1 else Workers()
+    return Workers(ThreadPoolExecutor(count)) if count > 1 else Workers()
 
 
 def available_cores() -> int:

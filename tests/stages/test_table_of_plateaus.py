@@ -145,19 +145,6 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     assert any("drag of the bearings" in line for line in without.warnings)
 
 
-def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_reported():
-    weights, _ = by_kind("dead_weight")
-    with pytest.raises(InputError, match="slack span"):
-        fit_friction(
-            weights.rename(columns={"tension_tight_N": "tension_slack_N"}),
-            {"rig": {"holds": "weight_tight"}},
-        )
-    torques, _ = by_kind("torque")
-    torques["torque_N_m"] *= -1.0
-    with pytest.raises(InputError, match=r'columns: \{points: \{torque_N_m: "-torque_N_m"'):
-        fit_friction(torques)
-
-
 @pytest.mark.parametrize(
     ("share", "holds", "told"),
     [(0.8, "hub_force", True), (0.8, "stretch", False), (1.0, "hub_force", False)],
