@@ -416,10 +416,11 @@ def refuse_missing(
 ) -> None:
     """Report the required columns that are missing, sensors first, in one message.
 
-    `elsewhere` lists our columns that are stated elsewhere.
+    `elsewhere` lists our columns that are stated outside of the columns.
     """
     table, names = needs.table, needs.names
-    has, used = {*found, *elsewhere}, {match.channel.name for match in found.values()}
+    used = {match.channel.name for match in found.values()}
+    has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
     missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
     if not missing and (found or any(c.required for c in table.columns)):
