@@ -38,8 +38,7 @@ MASTERS: Final = (
     *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
 )
 """Channels that determine the result; the first one gives the time."""
-MIN_OVERLAP: Final = 5
-"""Fewest samples of the master in the time that all channels share."""
+MIN_OVERLAP: Final = 5  # fewest samples of the master in the time that all channels share
 
 
 @dataclass(frozen=True, slots=True)

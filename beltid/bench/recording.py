@@ -188,7 +188,7 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     needs = settings.needs
     needs.problems.raise_if_any()
     columns, place, notes, stated = joined(parts, needs)
-    checker = Checker(str(path), columns, needs.table, place, needs.problems)
+    checker = Checker(str(path), columns, place, needs)
     notes += checker.run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.columns import Part
-from beltid.bench.mapping import Needs, channels_of, is_whole
+from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
 from beltid.bench.names import roles_meant, side_by_side, without_position
 from beltid.bench.raw import Raw
 from beltid.errors import PlaceOf, Problems
@@ -24,8 +24,7 @@ from beltid.tables.values import absent, outside, shown_value
 RESTART: Final = 0.05
 """A new run begins when time falls back into the first part, this share, of the run before."""
 MIN_SAMPLES: Final = 10
-PHASE: Final = 5
-"""Fewest consecutive samples of a phase in which the pulley stands or turns."""
+PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
 OTHER_RUN: Final = 100.0
 """Least ratio of the largest run to a run in another unit; benches vary their load far less."""
 TRUTHS: Final = {
@@ -50,6 +49,11 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
         return [raws], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
     return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
+
+
+def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
+    """Return whether the channels include all sensors that a run needs, each once."""
+    return not lacking(needs.table, [r for r, f in meant(channels, needs).items() if len(f) == 1])
 
 
 def is_timed(raw: Raw, kind: str) -> bool:
@@ -139,32 +143,28 @@ def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
-    labels = np.full(len(time), label, dtype=object)
+    labels, n = np.full(len(time), label, dtype=object), len(bounds) - 1
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        if len(bounds) > 2:
+        if n > 1:
             labels[first:end] = f"{label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
         if _rotations(speed[np.isfinite(speed)]) > 1:
             stops = f"in run {labels[first]} the pulley turns several times with stops between"
             problems.add(f"{part.raw.place}: {stops}: add a column of labels")
-    if len(bounds) > 2:
-        part.notes.append(
-            f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "
-            "and by restarts of the time"
-        )
+    if n > 1:
+        how = "separated by changes of the settings and by restarts of the time"
+        part.notes.append(f"no column labels the runs: {n} {how}")
     return labels
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     """Return the samples with which a new run begins."""
-    changed = np.zeros(len(time), dtype=bool)
+    changed, begin, starts = np.zeros(len(time), dtype=bool), 0, []
     for values in (columns[name] for name in NOMINAL if name in columns):
         changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
-    begin, starts = 0, []
     for i in np.flatnonzero(changed | (np.diff(time, prepend=time[:1]) < 0)):
-        length = time[i - 1] - time[begin]
-        restarts = time[i] <= time[begin] + RESTART * length and time[i] < time[i - 1]
-        if changed[i] or restarts:  # other decreases of time are reported by the checks
+        # other decreases of time are reported by the checks
+        if changed[i] or time[i] <= time[begin] + RESTART * (time[i - 1] - time[begin]):
             starts.append(int(i))
             begin = int(i)
     return starts
@@ -175,9 +175,8 @@ def _rotations(speed: np.ndarray) -> int:
     if len(speed) < 4 * PHASE:
         return 0
     noise = float(np.median(np.abs(np.diff(speed)))) * 1.05
-    size = np.abs(speed)
-    turning = size > max(0.02 * float(np.quantile(size, 0.99)), 6.0 * noise)
-    phases = np.split(turning, np.flatnonzero(np.diff(turning.astype(np.int8))) + 1)
+    turning = np.abs(speed) > max(0.02 * float(np.quantile(np.abs(speed), 0.99)), 6.0 * noise)
+    phases = np.split(turning, np.flatnonzero(np.diff(turning)) + 1)
     states = [bool(phase[0]) for phase in phases if phase.size >= PHASE]
     return [state for state, _ in itertools.groupby(states)].count(True)
 
@@ -195,14 +194,12 @@ class Checker:
         self,
         name: str,
         columns: dict[str, np.ndarray],
-        table: Table,
         place: PlaceOf,
-        problems: Problems,
+        needs: Needs,
     ) -> None:
-        self.name, self.columns, self.table = name, columns, table
-        self.place, self.problems = place, problems
-        self.kind = "rig" if table.kind == "points" else table.kind  # of which a config speaks
-        self.label, self.timed = columns[table.label], "time_s" in columns
+        self.name, self.columns, self.place, self.needs = name, columns, place, needs
+        self.table, self.problems = needs.table, needs.problems
+        self.label, self.timed = columns[self.table.label], "time_s" in columns
         self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
 
     def run(self, units_stated: Collection[str]) -> list[str]:
@@ -248,9 +245,9 @@ class Checker:
         self, place: str, column: Column, values: np.ndarray, advice: str, unit: str
     ) -> None:
         span = f"lies between {np.nanmin(values):g} and {np.nanmax(values):g}"
+        say = self.needs.say("units", column.name, unit)
         self.problems.add(
-            f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}: "
-            f"units: {{{self.kind}: {{{column.name}: {unit}}}}}"
+            f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}: {say}"
         )
 
     def _compare_runs(self, column: Column) -> None:
@@ -259,10 +256,8 @@ class Checker:
         runs = pd.Series(values).groupby(self.codes)
         low, high = runs.min(), runs.max()
         size = (high - low) / 2 if column.unit == "mm" else high.abs().combine(low.abs(), max)
-        sizes, largest = size.to_dict(), size.max()
-        for run, rows in runs.indices.items():
-            if not 0.0 < OTHER_RUN * sizes[run] < largest:
-                continue
+        for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
+            rows = runs.indices[run]
             guess = other_unit(column, self.table.kind, values[rows])
             if guess and (idle is None or "true" not in idle[rows]):
                 where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
@@ -300,8 +295,8 @@ class Checker:
         if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
-                f"cell is reversed, put a minus before its name in the file: columns: "
-                f'{{{self.kind}: {{{column.name}: "-{column.name}"}}}}'
+                "cell is reversed, put a minus before its name in the file: "
+                + self.needs.say("columns", column.name, f'"-{column.name}"')
             )
             return []
         self._report(

@@ -31,13 +31,11 @@ SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
 """Our names; a first line with two of them is the header."""
-TOP: Final = 1 << 18
-"""Bytes in which the header is searched."""
+TOP: Final = 1 << 18  # bytes in which the header is searched
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 Bytes = bytes | bytearray
-BLOCK: Final = 4 << 20
-"""Bytes that Arrow reads at a time."""
+BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
