@@ -151,7 +151,7 @@ def ranges(channel: Channel) -> dict[str, float]:
     raw, values = channel.raw, channel.values
     if is_text(values):
         is_number = not channel.written
-        numbers = numbers_of(values, raw.signs, "", raw.at, Problems()) if is_number else []
+        numbers: Any = numbers_of(values, raw.signs, "", raw.at, Problems()) if is_number else []
         values = pd.Series(numbers, dtype=float)
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {

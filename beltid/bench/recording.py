@@ -167,7 +167,7 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     """Read the runs in the tables of one file."""
     if not raws:
         return []
-    needs, parts = settings.needs, []
+    needs, parts = settings.needs, list[Part]()
     runs, notes = tables_of_runs(raws, needs)
     for tables in runs:
         name = tables[0].name if len(runs) > 1 else ""

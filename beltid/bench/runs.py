@@ -191,11 +191,7 @@ class Checker:
     """
 
     def __init__(
-        self,
-        name: str,
-        columns: dict[str, np.ndarray],
-        place: PlaceOf,
-        needs: Needs,
+        self, name: str, columns: dict[str, np.ndarray], place: PlaceOf, needs: Needs
     ) -> None:
         self.name, self.columns, self.place, self.needs = name, columns, place, needs
         self.table, self.problems = needs.table, needs.problems

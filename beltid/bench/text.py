@@ -132,7 +132,7 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
     own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
     if ours[own] > 1:
         return head_at(rows[own], first), own
-    found = [(head, sign) for sign in rows if (head := find_head(rows[sign]))]
+    found = [(above, sign) for sign in rows if (above := find_head(rows[sign]))]
     blank = [(h, s) for h, s in found if s == " " and len(h.names) == len(rows[s][h.first_row])]
     if found := [(h, s) for h, s in found if s != " "] or blank:
         return max(found, key=lambda pair: len(pair[0].names))
