@@ -1,18 +1,22 @@
-"""Tables of a file -> our columns in our units at common times."""
+"""Columns of a run, in our units: from its tables, else from what is stated outside of them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
+from beltid.bench import text
 from beltid.bench.mapping import (
+    DIALECT,
     Found,
     Needs,
     channels_of,
+    channels_of_head,
     in_groups,
     mapped,
     meant,
@@ -21,17 +25,19 @@ from beltid.bench.mapping import (
     resolved,
 )
 from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
-from beltid.bench.raw import Raw, is_text
-from beltid.tables.units import Conversion
-from beltid.tables.values import absent
+from beltid.bench.raw import Field, Raw, is_text
+from beltid.config.checks import name_pattern, number_in_name
+from beltid.errors import Problems
+from beltid.tables.schemas import SETTINGS, Column, Table
+from beltid.tables.units import Conversion, conversion
+from beltid.tables.values import absent, is_missing, shown_value
 
 MASTERS: Final = (
     *("force_N", "displacement_mm", "driver_speed_rad_s", "driven_speed_rad_s"),
     *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
 )
 """Channels that determine the result; the first one gives the time."""
-MIN_OVERLAP: Final = 5
-"""Fewest samples of the master in the time that all channels share."""
+MIN_OVERLAP: Final = 5  # fewest samples of the master in the time that all channels share
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +45,9 @@ class Part:
     """A recording, or one run of it, in our columns."""
 
     raw: Raw  # gives the places of the samples
-    columns: dict[str, np.ndarray]  # those found, in our units
+    columns: dict[str, np.ndarray]  # those found or stated, in our units
     found: dict[str, Found]  # how they were read
-    label: str = ""  # of the run, if no column holds any
-    names: tuple[str, ...] = ()  # by which patterns and tables of runs know it
+    names: tuple[str, ...]  # by which patterns and tables of runs know it; the second labels it
     notes: list[str] = field(default_factory=list)
     rows: np.ndarray | None = None  # of the table that are samples; None: all
 
@@ -54,32 +59,32 @@ class Part:
         return self.raw.at(sample if self.rows is None else int(self.rows[sample]))
 
 
-def read_part(raws: Sequence[Raw], needs: Needs, elsewhere: Collection[str] = ()) -> Part | None:
-    """Read our columns from the tables of one recording; None if something is wrong.
-
-    `elsewhere` lists our columns that are stated outside the columns.
-    """
+def read_part(
+    raws: Sequence[Raw], needs: Needs, settings: Settings | None = None, names: tuple[str, ...] = ()
+) -> Part | None:
+    """Read our columns from the tables of one recording; None if something is wrong."""
     problems, wrong, clock = needs.problems, needs.problems.count, Clock()
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
-    raws, all_of_them = [raw for raw in raws if id(raw) in times] or raws[:1], channels_of(raws)
-    own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
-    channels = [
-        c
-        for c in (in_groups(all_of_them) if times else all_of_them)
-        if id(c.raw) in {*map(id, raws)} and own.get(id(c.raw)) != c.key
-    ]
-    place = f"{raws[0].place}:{line}" if (line := raws[0].units_line) else raws[0].head
-    found = mapped(channels, needs, place)
-    first = next((found[role].channel.raw for role in MASTERS if role in found), raws[0])
+    raws, channels = [raw for raw in raws if id(raw) in times] or raws[:1], channels_of(raws)
+    if times:
+        own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
+        channels = [c for c in in_groups(channels) if own.get(id(c.raw), c.key) != c.key]
+    else:
+        channels = [c for c in channels if c.raw is raws[0]]
+    raw = raws[0]
+    found = mapped(channels, needs, f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head)
+    first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
-    if problems.count == wrong:
-        refuse_missing(channels, found, needs, raws[0].head, elsewhere)
+    notes, is_mapped = [*dict.fromkeys(n for r in raws for n in r.notes)], problems.count == wrong
+    fields = [entry for raw in raws for entry in raw.fields]
+    stated = settings.of(raw.place, names, found, fields, notes) if settings else {}
+    if is_mapped:
+        refuse_missing(channels, found, needs, raw.head, stated)
     if problems.count > wrong:
         return None
     # without the tables, whose memory is free once the columns are used up
     bare = {id(raw): raw.bare() for raw in raws}
-    notes = [*dict.fromkeys(note for raw in raws for note in raw.notes)]
     rows: np.ndarray | None
     if times:
         columns, rows = _aligned(found, times, first, needs, notes)
@@ -92,13 +97,35 @@ def read_part(raws: Sequence[Raw], needs: Needs, elsewhere: Collection[str] = ()
         role: replace(f, channel=replace(f.channel, raw=bare[id(f.channel.raw)]))
         for role, f in found.items()
     }
-    part = Part(bare[id(first)], columns, kept, notes=notes, rows=rows)
+    part = Part(bare[id(first)], columns, kept, names, notes, rows)
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
         columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at, problems)
         notes += clock.notes()
+    _fill(part, stated, needs)
     return part
+
+
+def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
+    """Fill columns of a run with stated values; note what they replace."""
+    label = needs.table.label
+    labels = {*part.columns.get(label, ())} - {None}
+    if label in stated and len(labels) > 1 and "time_s" in needs.table.names:
+        needs.problems.add(
+            f"{part.raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
+            f"{label} holds {len(labels)} labels"
+        )
+    for role, value in stated.items():
+        is_word = isinstance(value, str)
+        values = np.full(len(part), value, dtype=object if is_word else float)
+        before = part.columns.get(role, values[:0])
+        before = before[~absent(before)]
+        differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
+        if np.any(differ):
+            replaced = f"{shown_value(before[differ][0])} in the recording"
+            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
+        part.columns[role] = values
 
 
 def _filled(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
@@ -124,6 +151,123 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
     if is_text(column):
         numbers = numbers_of(column, raw.signs, found.shown, raw.at, needs.problems)
     return numbers if found.by == Conversion(1.0) else found.by.apply(numbers)
+
+
+# --- stated outside of the columns -------------------------------------------------------------
+
+
+class Settings:
+    """Label and settings of runs whose columns do not hold them.
+
+    They are in the head of the file, in its name, in a table of runs, or apply to all runs; what
+    the config states takes precedence over the head.
+    """
+
+    def __init__(self, needs: Needs) -> None:
+        self.needs, self.table = needs, needs.table
+        self.pattern = name_pattern(needs.pattern) if needs.pattern else None
+        self.rows = read_run_table(needs.run_table, needs.table) if needs.run_table else {}
+
+    def of(
+        self,
+        place: str,
+        names: Sequence[str],
+        found: Mapping[str, Found],
+        fields: Sequence[Field],
+        notes: list[str],
+    ) -> dict[str, Any]:
+        """Return label and settings of a run by its names and the fields of its head."""
+        needs, table = self.needs, self.table
+        needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
+        is_complete = found.keys() >= {table.label, *needed}
+        told = dict(needs.values)
+        if self.pattern is not None:
+            values = next(filter(None, map(self.pattern.values, names)), None)
+            told |= self._in_name(values, place) if values else {}
+            if not values and not is_complete:
+                needs.problems.add(
+                    f"{place}: the name does not match runs.{table.kind}.pattern = "
+                    f'"{needs.pattern}"'
+                )
+        if self.rows:
+            name = next((n for n in names if n in self.rows), None)
+            told |= self.rows[name] if name else {}
+            if not name and not is_complete:
+                needs.problems.add(f"{needs.run_table}: has no row for {names[0]}")
+        for role, matches in settings_in_head(fields, needs).items():
+            if role not in found and role not in told:
+                told |= self._from_head(role, matches, place, notes)
+        return {role: value for role, value in told.items() if role in table.names}
+
+    def _from_head(
+        self, role: str, matches: Sequence[Found], place: str, notes: list[str]
+    ) -> dict[str, Any]:
+        """Take a setting from the fields of the head that the config names, or of known names."""
+        silent, values = replace(self.needs, problems=Problems()), dict[str, Any]()
+        for match in matches:
+            read = resolved([match], silent, "") or match
+            values[match.channel.name] = values_of(read, silent)[0]
+        name, recognised = matches[0].channel.name, matches[0].how == "recognised"
+        wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
+        if len(set(values.values())) > 1:
+            say = self.needs.say("columns", role, f'"{name}"')
+            wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
+        if not wrong:
+            notes.extend([f"read header field {name} as {role}"] if recognised else [])
+            return {role: values[name]}
+        if recognised and not self.table.column(role).required:
+            return {}
+        self.needs.problems.add(f"{place}: {wrong[0]}")
+        return {role: np.nan}
+
+    def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
+        """Take label and settings from what the pattern of the config finds in a name."""
+        told: dict[str, Any] = {}
+        assert self.pattern is not None
+        for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
+            column, told[role] = self.table.column(role), values[role]
+            unit = self.pattern.units.get(role, column.unit)
+            by = conversion(unit, column.unit)
+            try:
+                if column.dtype != "string":
+                    told[role] = (
+                        by.apply(number_in_name(values[role])) if by else float("unknown unit")
+                    )
+            except ValueError:
+                where = f'{place}: {role} = "{values[role]}" in the name'
+                self.needs.problems.add(f"{where}, must be a number in {unit}")
+        return told
+
+
+def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
+    """Return our settings -> header fields: of the name in the config, else of known names."""
+    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
+    return {
+        role: matches
+        for role, matches in found.items()
+        if role in (*SETTINGS, needs.table.label)
+        if matches[0].how == "config" or needs.table.column(role).dtype != "string"
+    }
+
+
+def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
+    """Read a table of runs: name of a file or group -> the values in its row."""
+    settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
+    file = Column("file", "string", "", "name of the file, or of the group")
+    optional = (file, *(replace(column, required=False) for column in settings))
+    needs = Needs(replace(table, columns=optional))
+    part = read_part([*text.read(path, str(path), DIALECT)], needs)
+    needs.problems.raise_if_any()
+    assert part is not None
+    rows: dict[str, Mapping[str, Any]] = {}
+    for k in range(len(part)):
+        cells = {role: values[k] for role, values in part.columns.items()}
+        name = str(cells.pop("file") or "")
+        if name in rows:
+            needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
+        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
+    needs.problems.raise_if_any()
+    return rows
 
 
 # --- rasters -------------------------------------------------------------------------------------

@@ -48,13 +48,13 @@ class Source:
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
         path, member = self.path, self.member
-        form = "zip" if member else format_of(path, self.inside.name)
+        form = "zip" if member else format_of(path)
         packed = tempfile.TemporaryDirectory(prefix="beltid-") if form in ("gzip", "zip") else None
         with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
             if packed:
                 path = Path(folder) / "recording"
                 unpack(self.path, path, self.name, member)
-                form = format_of(path, self.inside.name.removesuffix(".gz"))
+                form = format_of(path)
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             if path.stat().st_size > MAX_BYTES:
@@ -143,18 +143,15 @@ def _candidates(path: Path) -> list[Path]:
 # --- bytes ----------------------------------------------------------------------------------------
 
 
-def format_of(path: Path, name: str = "") -> str:
-    """Return the format of a file, from its bytes: "text", "parquet", "gzip", "zip", "lvm", ...
-
-    The name decides only where the bytes do not (MATLAB 4).
-    """
+def format_of(path: Path) -> str:
+    """Return the format of a file, from its bytes: "text", "parquet", "gzip", "zip", "lvm", ..."""
     with opened(path) as file:
         head = file.read(1024)
     form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "")
     if form == "zip":
         data = path.read_bytes()  # also of a damaged archive
         return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
-    return form or ("mat" if name.lower().endswith(".mat") else "text")
+    return form or "text"
 
 
 def members(path: Path, shown: str) -> list[str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,8 +29,7 @@ _UNIT_WORDS: Final = {
     "temperature_degC": r"(?:C|degC|°C)",
 }
 """Setting -> how its unit is written behind a number in the name of a file."""
-GAP: Final = 3.0
-"""Steps of time over which samples are missing."""
+GAP: Final = 3.0  # steps of time over which samples are missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +52,12 @@ class Inspection:
     names: tuple[str, ...]  # of its files
     tables: list[Raw]  # of the first file as written
     channels: list[Channel]  # of these tables
-    found: dict[str, Found]  # our columns -> how they are read, as far as known
-    runs: list[RunView]  # empty if it cannot be read yet
-    notes: tuple[str, ...]
-    problems: tuple[str, ...]  # to be stated or corrected; without, the command reads it
-    rig: dict[str, str]  # what the channels show that stays while the pulley turns
-    pattern: str  # of the file names, for settings that are nowhere else; "" if none
+    found: dict[str, Found] = field(default_factory=dict)  # our columns, as far as known
+    runs: list[RunView] = field(default_factory=list)  # empty if it cannot be read yet
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()  # to be stated or corrected; without, the command reads it
+    rig: dict[str, str] = field(default_factory=dict)  # what stays while the pulley turns
+    pattern: str = ""  # of the file names, for settings that are nowhere else
 
 
 def inspect_recording(
@@ -99,29 +98,28 @@ def inspect_recording(
             f"{path}: the channels do not tell which bench this is (found: {held}); state it "
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
-        return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
+        return Inspection("", names, tables, channels, notes=tables[0].notes, problems=(problem,))
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
     pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
         stated = {kind: {**config.runs[kind], "pattern": pattern}}
         config = config.model_copy(update={"runs": config.runs | stated})
-    runs, problems = list[RunView](), tuple[str, ...]()
-    rig: Mapping[str, str] = {}
+    seen = Inspection(kind, names, tables, channels, pattern=pattern)
     try:
         recording = read_recording(path, kind, config)
-        found, notes = recording.found, recording.notes
-        runs = runs_found(recording.columns, recording.kind)
-        rig = recording.rig
-        spans = {"tension_tight_N", "tension_slack_N"} & {*recording.found}
-        if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
-            ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
-            problems = (f"{path}: a weight beside a torque: {ask}",)
     except InputError as error:
-        found, notes, problems = {}, tables[0].notes, error.problems
+        found: dict[str, Found] = {}
         for table in tables:
             found = mapped(channels_of([table]), needs, "") | found
+        return replace(seen, found=found, notes=tables[0].notes, problems=error.problems)
+    rig, runs = recording.rig, runs_found(recording.columns, recording.kind)
+    spans, problems = {"tension_tight_N", "tension_slack_N"} & {*recording.found}, tuple[str, ...]()
+    if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
+        ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
+        problems = (f"{path}: a weight beside a torque: {ask}",)
     holds = {key: word for key, word in rig.items() if key == "holds"}
-    return Inspection(kind, names, tables, channels, found, runs, notes, problems, holds, pattern)
+    found, notes = recording.found, recording.notes
+    return replace(seen, found=found, runs=runs, notes=notes, problems=problems, rig=holds)
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
@@ -151,45 +149,43 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 def ranges(channel: Channel) -> dict[str, float]:
     """Return rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
-    numbers = np.full(len(values), np.nan)
-    if not is_text(values):
-        numbers = values.to_numpy()
-    elif not channel.written:
-        numbers = numbers_of(values, raw.signs, "", raw.at, Problems())
-    finite = numbers[np.isfinite(numbers)]
-    low, high, first = (finite.min(), finite.max(), finite[0]) if finite.size else [np.nan] * 3
-    is_timed = TIME in raw.frame and not is_text(raw.frame[TIME])
-    step = _step(raw.frame[TIME].to_numpy() if is_timed else finite[:0])
-    rate = 1.0 / step if step > 0 else np.nan
-    return {"rate_Hz": rate, "min": float(low), "max": float(high), "first": float(first)}
+    if is_text(values):
+        is_number = not channel.written
+        numbers: Any = numbers_of(values, raw.signs, "", raw.at, Problems()) if is_number else []
+        values = pd.Series(numbers, dtype=float)
+    finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
+    return {
+        "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,
+        "min": float(finite.min()),
+        "max": float(finite.max()),
+        "first": float(finite.iloc[0]) if len(finite) else np.nan,
+    }
 
 
 def _step(time: np.ndarray) -> float:
-    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    """Return the median step of time [s], nan if it does not go on."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+    return step if step > 0 else np.nan
 
 
 def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
     """Return the runs of a recording, in the order of their first sample."""
     sensors = pd.DataFrame({name: x for name, x in columns.items() if x.dtype != object})
-    runs = sensors.groupby(columns[schemas.table(kind).label], sort=False)
-    return [
-        _run_view(str(label), {str(name): run[name].to_numpy() for name in run}, kind)
-        for label, run in runs
-    ]
+    label = columns[schemas.table(kind).label]
+    return [_run_view(str(run), of, kind) for run, of in sensors.groupby(label, sort=False)]
 
 
-def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
+def _run_view(label: str, run: pd.DataFrame, kind: str) -> RunView:
     """Return what is seen of a run: its length, its settings, the speed or force it reached."""
-    known = {name: x[np.isfinite(x)] for name, x in columns.items()}
-    settings = {n: float(np.median(known[n])) for n in SETTINGS if len(known.get(n, ()))}
+    settings = {n: float(run[n].median()) for n in SETTINGS if n in run and run[n].count()}
     speed = "driver_speed_rad_s" if kind == "speedloss" else "pulley_speed_rad_s"
-    if len(turning := np.abs(known.get(speed, np.empty(0)))):
+    if speed in run and run[speed].count():
+        turning = run[speed].abs()
         # omit the rest phase; the highest samples alone would show sensor noise
-        settings[speed] = float(np.median(turning[turning >= 0.5 * np.quantile(turning, 0.9)]))
+        settings[speed] = float(turning[turning >= 0.5 * turning.quantile(0.9)].median())
     if kind == "press":
-        settings["force_N"] = float(np.abs(known["force_N"]).max())
-    time = columns.get("time_s", np.zeros(1))
+        settings["force_N"] = float(run["force_N"].abs().max())
+    time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
     step = _step(time)
-    gaps = time[:-1][np.diff(time) > GAP * step].tolist() if step > 0 else []
-    rate, duration = (1.0 / step if step > 0 else np.nan), float(time[-1] - time[0])
-    return RunView(label, len(time), duration, rate, gaps, settings)
+    gaps = time[:-1][np.diff(time) > GAP * step].tolist()
+    return RunView(label, len(run), float(time[-1] - time[0]), 1.0 / step, gaps, settings)

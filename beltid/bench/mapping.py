@@ -34,7 +34,6 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
-    CONVERSIONS,
     Calibration,
     Conversion,
     allowed_units,
@@ -48,8 +47,7 @@ DIALECT: Final[Mapping[str, Any]] = {
     "skip_lines": 0,
 }
 """What is None is detected from the file."""
-RAW: Final = ("V", "mV", "mV/V", "A", "mA")
-"""Units of raw signals, which need a calibration."""
+RAW: Final = ("V", "mV", "mV/V", "A", "mA")  # units of raw signals, which need a calibration
 NO_UNIT: Final = ("", "-", "1")
 FORCES: Final[tuple[str, ...]] = (
     *("tension_tight_N", "tension_slack_N", "weight_N", "torque_N_m", "hub_force_N"),
@@ -61,21 +59,6 @@ _IN_RPM: Final = re.compile(
 )
 """Names of speeds in turns per minute."""
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
-
-
-def _ending(unit: str) -> str:
-    return "_" + re.sub(r"[ /]", "_", unit)
-
-
-OTHER_UNITS: Final = {
-    column.name.removesuffix(_ending(column.unit)) + _ending(unit): (column.name, unit)
-    for kind in schemas.RECORDINGS
-    for column in schemas.table(kind).columns
-    if column.name.endswith(_ending(column.unit))
-    for unit in CONVERSIONS.get(column.unit, {})
-    if unit != column.unit
-}
-"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +140,8 @@ class Channel:
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
-        bare = (without_unit(self.key), without_unit(self.base))
         exact = (self.name, f"{self.raw.name}/{self.key}")
-        return exact, (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
+        return exact, (self.base,), (without_unit(self.key), without_unit(self.base))
 
     @property
     def shown(self) -> str:
@@ -168,14 +150,9 @@ class Channel:
         return f"{self.name} [{unit}]" if unit and not unit_in_name(self.key) else self.name
 
     @property
-    def unit_of_name(self) -> str:
-        """Unit at the end of the name."""
-        return unit_in_name(self.key) or OTHER_UNITS.get(self.base, ("", ""))[1]
-
-    @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
-        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
+        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not unit_in_name(self.key)
         return unitless and bool(_IN_RPM.search(self.key))
 
     @property
@@ -184,7 +161,7 @@ class Channel:
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
         unknown = IN_NAME.search(self.key)
-        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        by_name = unit_in_name(self.key) or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
         return by_name or (unknown[1].strip() if unknown else "")
 
 
@@ -244,18 +221,10 @@ def _with_unit_apart(entry: Field) -> Field:
     return Field(name, entry.text, unit)
 
 
-def sensors_of(table: Table) -> list[str]:
-    """Return our columns that sensors record and that a run must have."""
-    return [
-        c.name
-        for c in table.columns
-        if c.required and c.dtype != "string" and c.name not in (*schemas.SETTINGS, "time_s")
-    ]
-
-
 def lacking(table: Table, has: Collection[str]) -> list[str]:
     """Return the sensors that a run lacks; a friction rig needs two of its forces."""
-    missing: list[str] = [name for name in sensors_of(table) if name not in has]
+    outside = {*schemas.SETTINGS, "time_s", table.label}
+    missing = [c.name for c in table.columns if c.required and c.name not in {*outside, *has}]
     if table.kind == "rig" and not missing and len({*FORCES} & {*has}) < 2:
         missing = [name for name in FORCES if name in table.names and name not in has][:1]
     return missing
@@ -273,6 +242,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     taken = {id(named[0].channel) for named in found.values()}
     free = [c for c in channels if id(c) not in taken]
     words = {id(c): roles_meant(c.base, needs.table.kind) for c in free}
+    sensors = lacking(needs.table, ())
     for column in columns:
         if column.name in found or column.name in needs.names:
             continue
@@ -281,7 +251,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
             fit = [c for c in fit if _can_be(c, column)] or fit
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
-        if len(fit) == 1 and column.name in sensors_of(needs.table):
+        if len(fit) == 1 and column.name in sensors:
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
             fit += [c for c in others if _without_number(c) == _without_number(fit[0])]
         if fit:
@@ -304,21 +274,11 @@ def _without_number(channel: Channel) -> str:
 def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
     """Find the channels that the config names for a column, or that have our name."""
     name, how = needs.names.get(role, role), "config" if role in needs.names else "own name"
-    named, negated = _called(name, channels), False
-    if not named and name.startswith("-"):
-        named, negated = _called(name[1:].strip(), channels), True
-    return [Found(role, channel, how, negated=negated) for channel in named]
-
-
-def _called(name: str, channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels of a name; the first way of naming that fits any decides."""
-    found = ([c for c in channels if name in c.names[way]] for way in range(4))
-    return next(filter(None, found), [])
-
-
-def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
-    """Return whether the channels include all sensors that a run needs, each once."""
-    return not lacking(needs.table, [r for r, f in meant(channels, needs).items() if len(f) == 1])
+    for called in (name, name[1:].strip()) if name.startswith("-") else (name,):
+        for way in range(3):  # the first way of naming that fits any decides
+            if named := [c for c in channels if called in c.names[way]]:
+                return [Found(role, c, how, negated=called != name) for c in named]
+    return []
 
 
 def mapped(channels: Sequence[Channel], needs: Needs, place: str) -> dict[str, Found]:
@@ -378,7 +338,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting.conversion(unit) or f"{found.shown} {wrong}"
     if setting is not None:
         return setting
-    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
+    both = [u for u in (unit_in_name(channel.key), channel.unit_cell) if conversion(u, ours)]
     ending = channel.key.rpartition("_")[2] if channel.key != column.name else ""
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)
@@ -416,10 +376,11 @@ def refuse_missing(
 ) -> None:
     """Report the required columns that are missing, sensors first, in one message.
 
-    `elsewhere` lists our columns that are stated elsewhere.
+    `elsewhere` lists our columns that are stated outside of the columns.
     """
     table, names = needs.table, needs.names
-    has, used = {*found, *elsewhere}, {match.channel.name for match in found.values()}
+    used = {match.channel.name for match in found.values()}
+    has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
     missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
     if not missing and (found or any(c.required for c in table.columns)):
@@ -444,19 +405,16 @@ def refuse_missing(
         for name in difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6)
     ]
     if missing and {*missing} <= {*schemas.NOMINAL} and not close:
-        text += how_to_state(missing[0], needs.kind)
+        role = missing[0]
+        how = f"runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}}"
+        text += (
+            f'; state it in {how} for all runs, by pattern: "{{run}}_{{{role}}}.csv" of the file '
+            "names, or by table: runs.csv with a row per file"
+        )
     role, name = next(iter(close), (next(iter(missing), "mu"), "its name in the file"))
     held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
     say = needs.say("columns", role, f'"{name}"')
     needs.problems.add(f"{text}; not yet read: {held}; if it has another name, state it: {say}")
-
-
-def how_to_state(setting: str, kind: str) -> str:
-    """Return advice on how to state a setting that no column holds."""
-    return (
-        f"; state it in runs: {{{kind}: {{values: {{{setting}: ...}}}}}} for all runs, by pattern: "
-        f'"{{run}}_{{{setting}}}.csv" of the file names, or by table: runs.csv with a row per file'
-    )
 
 
 def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:

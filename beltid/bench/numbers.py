@@ -29,10 +29,8 @@ MISSING: Final = frozenset(("", "-1.#QNAN", *_WORDS.split(), *_ERRORS.split()))
 NO_NUMBER: Final = "must be a number"
 _PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
 """Typographic apostrophes, blanks and minus signs -> those of a keyboard."""
-_FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)", re.ASCII)
 _SINGLE: Final = re.compile(
-    r"[-+]?(?:\d+(?:(?P<point>[.,])\d*)?|(?P<first>[.,])\d+)(?:[eE][-+]?\d+)?|[-+]?inf(?:inity)?",
-    re.ASCII | re.IGNORECASE,
+    r"[-+]?(?=[.,]?\d)\d*(?:(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?", re.ASCII
 )
 _GROUPED: Final = re.compile(
     r"[-+]?[1-9]\d{0,2}(?P<sign>[.,' ])\d{3}(?P<more>(?:(?P=sign)\d{3})*)"
@@ -61,9 +59,8 @@ DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 def is_number(cell: str) -> bool:
     """Return whether a cell is a number, with either decimal sign, with or without groups."""
-    plain = _FORTRAN.sub("E", cell.translate(_PLAIN))
-    is_one = _SINGLE.fullmatch(plain) and plain[-1] not in "fyFY"
-    return bool(is_one or _GROUPED.fullmatch(plain))
+    plain = cell.translate(_PLAIN)
+    return bool(_SINGLE.fullmatch(plain) or _GROUPED.fullmatch(plain))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +77,11 @@ class NumberSigns:
         """Detect the signs in some cells; stated signs take precedence."""
         decimals, groups = set(), set()
         for cell in cells:
-            plain = _FORTRAN.sub("E", cell.translate(_PLAIN))
+            plain = cell.translate(_PLAIN)
             match = _GROUPED.fullmatch(plain)
             if match is None:
-                point = _SINGLE.fullmatch(plain)
-                decimals |= {point["point"] or point["first"]} - {None} if point else set()
+                single = _SINGLE.fullmatch(plain)
+                decimals |= {single["point"]} - {None} if single else set()
             elif match["point"] or match["more"] or match["sign"] in "' ":
                 groups.add(match["sign"])
                 decimals |= {match["point"] or _OTHER.get(match["sign"])} - {None}
@@ -96,9 +93,9 @@ class NumberSigns:
 
     def number(self, cell: str) -> float | str:
         """Convert a cell to a number, or say why it is not one."""
-        text = _FORTRAN.sub("E", cell.translate(_PLAIN))
+        text = cell.translate(_PLAIN)
         match = _SINGLE.fullmatch(text)
-        if match and (match["point"] or match["first"]) in (None, self.decimal):
+        if match and match["point"] in (None, self.decimal):
             return float(text.replace(",", "."))
         match = _GROUPED.fullmatch(text)
         if match is None:
@@ -231,7 +228,6 @@ class Clock:
 
     name: str = ""  # of the channel
     first: str = ""  # the first time as written
-    dated: bool = False  # whether it has a date
     midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
     midnights: int = 0  # passed by times of day
 
@@ -241,16 +237,14 @@ class Clock:
         text = times.astype("str").str.strip().reset_index(drop=True)
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
-        self.dated = not re.match(r"\d{1,2}:", self.first)
-        missing = text.isna().to_numpy()
-        for why, rows in ((NOT_READ, wrong & ~missing & ~unclear), (DAY_OR_MONTH, unclear)):
-            at = np.flatnonzero(rows)
-            problems.add_alike(
-                at,
-                lambda i, why=why: f'{self.name} = "{str(text.iloc[i])[:40]}", {why}',  # type: ignore[misc]
-                place,
-            )
-        read, day_ns = ~(wrong | unclear), int(DAY_S * 1e9)
+        wrong = wrong & text.notna().to_numpy() & ~unclear
+        for why, rows in ((NOT_READ, wrong), (DAY_OR_MONTH, unclear)):
+
+            def said(row: int, why: str = why) -> str:
+                return f'{self.name} = "{str(text.iloc[row])[:40]}", {why}'
+
+            problems.add_alike(np.flatnonzero(rows), said, place)
+        read, day_ns = ~(wrong | unclear | text.isna().to_numpy()), int(DAY_S * 1e9)
         if self.midnight_ns is None and read.any():
             self.midnight_ns = int(counts[read][0] // day_ns * day_ns)
         return np.where(read, (counts - (self.midnight_ns or 0)) * 1e-9, np.nan)
@@ -259,12 +253,12 @@ class Clock:
         self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf, problems: Problems
     ) -> np.ndarray:
         """Return the times from the first sample of each run [s], continued past midnight."""
-        time = seconds.copy()
+        time, dated = seconds.copy(), not re.match(r"\d{1,2}:", self.first)
         order = np.argsort(runs, kind="stable")
         order = order[np.isfinite(time[order])]
         for rows in np.split(order, np.flatnonzero(np.diff(runs[order])) + 1):
             steps = np.diff(time[rows])
-            night = (steps < -0.5 * DAY_S) & (not self.dated)
+            night = (steps < -0.5 * DAY_S) & (not dated)
             back = np.flatnonzero((steps < 0) & ~night)
             if back.size:
                 before, after = rows[back[0]], rows[back[0] + 1]

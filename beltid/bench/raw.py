@@ -20,8 +20,7 @@ SCALING: Final = {
     "scale_factor": 1.0,
 }
 """Properties that scale the counts of a converter -> the value that has no effect."""
-TIME: Final = "time_s"
-"""Name of the times of samples, if a format has them besides its channels."""
+TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
 

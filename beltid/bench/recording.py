@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
@@ -14,13 +13,12 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import sheets, text, variables, waveforms
-from beltid.bench.checks import Checker
-from beltid.bench.columns import Part, read_part
+from beltid.bench.columns import Part, Settings, read_part, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
-from beltid.bench.runs import Settings, is_timed, joined, settings_in_head, tables_of_runs
+from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.schemas import Table
@@ -169,16 +167,14 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     """Read the runs in the tables of one file."""
     if not raws:
         return []
-    needs, parts = settings.needs, []
+    needs, parts = settings.needs, list[Part]()
     runs, notes = tables_of_runs(raws, needs)
     for tables in runs:
         name = tables[0].name if len(runs) > 1 else ""
         names: tuple[str, ...] = (inside.name, inside.stem)
         names = (f"{inside.name}/{name}", name, *names) if name else names
         tables = [replace(raw, place=f"{place}, {name}" if name else place) for raw in tables]
-        part = read_part(tables, needs, settings.elsewhere(tables))
-        if part is not None:
-            parts.append(replace(part, label=name or inside.stem, names=names))
+        parts += filter(None, [read_part(tables, needs, settings, names)])
     if parts:
         parts[0].notes.extend(notes)
     else:  # the missing columns may be among those left out
@@ -191,8 +187,8 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     """Join the parts of a recording and check it; InputError with all errors."""
     needs = settings.needs
     needs.problems.raise_if_any()
-    columns, place, notes, stated = joined(_distinct(parts), settings)
-    checker = Checker(str(path), columns, needs.table, place, needs.problems)
+    columns, place, notes, stated = joined(parts, needs)
+    checker = Checker(str(path), columns, place, needs)
     notes += checker.run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
@@ -209,17 +205,6 @@ def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]
     if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
         rig["running"] = "yes"
     return rig
-
-
-def _distinct(parts: Sequence[Part]) -> list[Part]:
-    """Put the file before the label of a run where groups of several files are named alike."""
-    labels = Counter(part.label for part in parts)
-    return [
-        replace(part, label=f"{part.names[-1]}/{part.label}")
-        if labels[part.label] > 1 and part.label != part.names[-1]
-        else part
-        for part in parts
-    ]
 
 
 def _simulated(path: Path, kind: str) -> Recording | None:

@@ -1,43 +1,35 @@
-"""Runs of a recording: which tables are runs, their labels, their settings from outside columns."""
+"""Runs of a recording: which tables they are, their labels, all runs joined, and checked."""
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePath
-from typing import Any, Final
+from pathlib import PurePath
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
-from beltid.bench import text
-from beltid.bench.columns import Part, read_part, values_of
-from beltid.bench.mapping import (
-    DIALECT,
-    Found,
-    Needs,
-    channels_of,
-    channels_of_head,
-    how_to_state,
-    is_whole,
-    meant,
-    resolved,
-)
+from beltid.bench.columns import Part
+from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
 from beltid.bench.names import roles_meant, side_by_side, without_position
-from beltid.bench.raw import Field, Raw
-from beltid.config.checks import name_pattern, number_in_name
+from beltid.bench.raw import Raw
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS, Column, Table
-from beltid.tables.units import conversion
-from beltid.tables.values import absent, is_missing, shown_value
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
+from beltid.tables.values import absent, outside, shown_value
 
 RESTART: Final = 0.05
 """A new run begins when time falls back into the first part, this share, of the run before."""
 MIN_SAMPLES: Final = 10
-PHASE: Final = 5
-"""Fewest consecutive samples of a phase in which the pulley stands or turns."""
+PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
+OTHER_RUN: Final = 100.0
+"""Least ratio of the largest run to a run in another unit; benches vary their load far less."""
+TRUTHS: Final = {
+    **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
+    **dict.fromkeys(("0", "no", "nein", "non"), "false"),
+}
 
 
 def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
@@ -56,6 +48,11 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
         return [raws], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
     return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
+
+
+def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
+    """Return whether the channels include all sensors that a run needs, each once."""
+    return not lacking(needs.table, [r for r, f in meant(channels, needs).items() if len(f) == 1])
 
 
 def is_timed(raw: Raw, kind: str) -> bool:
@@ -79,158 +76,40 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     return parts if parts and are_whole and not is_whole(once, needs) else [raw]
 
 
-class Settings:
-    """Label and settings of runs whose columns do not hold them.
-
-    They are in the head of the file, in its name, in a table of runs, or apply to all runs; what
-    the config states takes precedence over the head.
-    """
-
-    def __init__(self, needs: Needs) -> None:
-        self.needs, self.table = needs, needs.table
-        self.pattern = name_pattern(needs.pattern) if needs.pattern else None
-        self.rows = read_run_table(needs.run_table, needs.table) if needs.run_table else {}
-        # for all runs, or in the names of files
-        self.stated = {*needs.values, *(self.pattern.names if self.pattern else ())}
-
-    def elsewhere(self, raws: Sequence[Raw]) -> set[str]:
-        """Return our columns that the tables of a run need not contain."""
-        fields = [entry for raw in raws for entry in raw.fields]
-        roles = {self.table.label, *self.stated, *settings_in_head(fields, self.needs)}
-        return roles | (set(SETTINGS) if self.rows else set())
-
-    def of(self, part: Part) -> dict[str, Any]:
-        """Return label and settings of a run from outside its columns."""
-        needs, found = self.needs, self._from_head(part) | dict(self.needs.values)
-        required = {c.name for c in self.table.columns if c.required and c.name in SETTINGS}
-        is_complete = part.found.keys() >= {self.table.label, *required}
-        if self.pattern is not None:
-            values = next(filter(None, map(self.pattern.values, part.names)), None)
-            found |= self._in_name(values, part.raw.place) if values else {}
-            if not values and not is_complete:
-                needs.problems.add(
-                    f"{part.raw.place}: the name does not match runs.{self.table.kind}.pattern = "
-                    f'"{needs.pattern}"'
-                )
-        if self.rows:
-            name = next((n for n in part.names if n in self.rows), "")
-            found |= self.rows[name] if name else {}
-            if not name and not is_complete:
-                needs.problems.add(f"{needs.run_table}: has no row for {part.names[0]}")
-        return {role: value for role, value in found.items() if role in self.table.names}
-
-    def _from_head(self, part: Part) -> dict[str, Any]:
-        """Take settings from the head: from fields that the config names, or of known names."""
-        found: dict[str, Any] = {}
-        for role, matches in settings_in_head(part.raw.fields, self.needs).items():
-            if role in part.found or role in self.stated:
-                continue
-            silent, values = replace(self.needs, problems=Problems()), dict[str, Any]()
-            for match in matches:
-                read = resolved([match], silent, "") or match
-                values[match.channel.name] = values_of(read, silent)[0]
-            name, value = next(iter(values.items()))
-            wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
-            if len(set(values.values())) > 1:
-                say = self.needs.say("columns", role, f'"{name}"')
-                wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
-            recognised = matches[0].how == "recognised"
-            if not wrong:
-                found[role] = value
-                part.notes.extend([f"read header field {name} as {role}"] if recognised else [])
-            elif not recognised or self.table.column(role).required:
-                found[role] = np.nan  # the problem is reported only once
-                self.needs.problems.add(f"{part.raw.place}: {wrong[0]}")
-        return found
-
-    def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
-        """Take label and settings from what the pattern of the config finds in a name."""
-        found: dict[str, Any] = {}
-        assert self.pattern is not None
-        for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
-            column, found[role] = self.table.column(role), values[role]
-            unit = self.pattern.units.get(role, column.unit)
-            by = conversion(unit, column.unit)
-            try:
-                if column.dtype != "string":
-                    found[role] = (
-                        by.apply(number_in_name(values[role])) if by else float("unknown unit")
-                    )
-            except ValueError:
-                where = f'{place}: {role} = "{values[role]}" in the name'
-                self.needs.problems.add(f"{where}, must be a number in {unit}")
-        return found
-
-
-def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
-    """Return our settings -> header fields: of the name in the config, else of known names."""
-    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
-    return {
-        role: matches
-        for role, matches in found.items()
-        if role in (*SETTINGS, needs.table.label)
-        if matches[0].how == "config" or needs.table.column(role).dtype != "string"
-    }
-
-
-def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
-    """Read a table of runs: name of a file or group -> the values in its row."""
-    settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
-    file = Column("file", "string", "", "name of the file, or of the group")
-    optional = (file, *(replace(column, required=False) for column in settings))
-    needs = Needs(replace(table, columns=optional))
-    part = read_part(list(text.read(path, str(path), DIALECT)), needs)
-    needs.problems.raise_if_any()
-    assert part is not None
-    rows: dict[str, Mapping[str, Any]] = {}
-    for k in range(len(part)):
-        cells = {role: values[k] for role, values in part.columns.items()}
-        name = str(cells.pop("file") or "")
-        if name in rows:
-            needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
-        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
-    needs.problems.raise_if_any()
-    return rows
-
-
 def joined(
-    parts: Sequence[Part], settings: Settings
+    parts: Sequence[Part], needs: Needs
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Join the columns of all runs, one after the other.
 
     Returns the columns of the table in its order, with nan or None for what is missing; the place
     of a sample; notes; and the columns whose unit is stated in all parts.
     """
-    table, problems = settings.table, settings.needs.problems
-    timed = "time_s" in settings.table.names
+    table, problems, timed = needs.table, needs.problems, "time_s" in needs.table.names
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
+    counts = Counter(part.names[1] for part in parts)
     for part in parts:
-        _fill(part, settings.of(part), table, problems)
-        if timed and table.label not in part.columns:
-            part.columns[table.label] = _labels(part, problems)
-        elif not timed:
-            words = part.columns.get(table.label, np.full(len(part), None))
-            numbered = [str(row + 1) if w is None else w for row, w in enumerate(words)]
+        place, known = part.raw.place, part.columns.get(table.label, np.full(len(part), None))
+        if not timed:
+            numbered = [str(row + 1) if w is None else w for row, w in enumerate(known)]
             part.columns[table.label] = np.array(numbered, dtype=object)
-        for column in table.columns:
-            if column.required and column.name in SETTINGS and column.name not in part.columns:
-                advice = how_to_state(column.name, table.kind)
-                problems.add(f"{part.raw.head}: column {column.name} is missing{advice}")
+        elif table.label not in part.columns:
+            # groups of several files that are named alike are told by their files
+            label, file = part.names[1], part.names[-1]
+            label = f"{file}/{label}" if counts[label] > 1 and label != file else label
+            part.columns[table.label] = _labels(part, label, problems)
         # Parquet files with labelled rows are parts of one table
         is_part = part.raw.format == "Parquet" and table.label in part.found
         for label in () if is_part or not timed else pd.unique(part.columns[table.label]):
-            owner = owners.setdefault(label, part.raw.place)
-            if label is not None and owner != part.raw.place:
-                problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
+            if label is not None and (owner := owners.setdefault(label, place)) != place:
+                problems.add(f"{place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
-            notes.setdefault(note, []).append(part.raw.place)
-    if problems.count:
-        problems.merge_repeated([part.raw.place for part in parts])
-        problems.raise_if_any()
+            notes.setdefault(note, []).append(place)
+    problems.merge_repeated([part.raw.place for part in parts])
+    problems.raise_if_any()
     starts = np.cumsum([0, *map(len, parts)])[:-1]
 
-    def place(sample: int) -> tuple[str, int]:
+    def place_of(sample: int) -> tuple[str, int]:
         k = int(np.searchsorted(starts, sample, side="right")) - 1
         where, line = parts[k].at(sample - int(starts[k]))
         return where, line if len(parts) == 1 else sample + 1
@@ -240,7 +119,7 @@ def joined(
         more = f" and {len(places) - 1} more" if len(places) > 1 else ""
         shown.append(note if len(places) == len(parts) else f"{places[0]}{more}: {note}")
     stated_units = [{r for r, f in part.found.items() if f.stated} for part in parts]
-    return _together(parts, table), place, shown, set.intersection(*stated_units)
+    return _together(parts, table), place_of, shown, set.intersection(*stated_units)
 
 
 def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
@@ -259,56 +138,32 @@ def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
     return columns
 
 
-def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problems) -> None:
-    """Fill columns of a run with stated values; note what they replace."""
-    labels = {*part.columns.get(table.label, ())} - {None}
-    if table.label in stated and len(labels) > 1 and "time_s" in table.names:
-        problems.add(
-            f"{part.raw.place}: {table.label} = {stated[table.label]} is stated for all of it, but "
-            f"its column {table.label} holds {len(labels)} labels"
-        )
-    for role, value in stated.items():
-        is_word = isinstance(value, str)
-        values = np.full(len(part), value, dtype=object if is_word else float)
-        before = part.columns.get(role, values[:0])
-        before = before[~absent(before)]
-        differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
-        if np.any(differ):
-            replaced = f"{shown_value(before[differ][0])} in the recording"
-            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
-        part.columns[role] = values
-
-
-def _labels(part: Part, problems: Problems) -> np.ndarray:
+def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
-    labels = np.full(len(time), part.label, dtype=object)
+    labels, n = np.full(len(time), label, dtype=object), len(bounds) - 1
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        if len(bounds) > 2:
-            labels[first:end] = f"{part.label}-{k}"
+        if n > 1:
+            labels[first:end] = f"{label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
         if _rotations(speed[np.isfinite(speed)]) > 1:
             stops = f"in run {labels[first]} the pulley turns several times with stops between"
             problems.add(f"{part.raw.place}: {stops}: add a column of labels")
-    if len(bounds) > 2:
-        part.notes.append(
-            f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "
-            "and by restarts of the time"
-        )
+    if n > 1:
+        how = "separated by changes of the settings and by restarts of the time"
+        part.notes.append(f"no column labels the runs: {n} {how}")
     return labels
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     """Return the samples with which a new run begins."""
-    changed = np.zeros(len(time), dtype=bool)
+    changed, begin, starts = np.zeros(len(time), dtype=bool), 0, []
     for values in (columns[name] for name in NOMINAL if name in columns):
         changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
-    begin, starts = 0, []
     for i in np.flatnonzero(changed | (np.diff(time, prepend=time[:1]) < 0)):
-        length = time[i - 1] - time[begin]
-        restarts = time[i] <= time[begin] + RESTART * length and time[i] < time[i - 1]
-        if changed[i] or restarts:  # other decreases of time are reported by the checks
+        # other decreases of time are reported by the checks
+        if changed[i] or time[i] <= time[begin] + RESTART * (time[i - 1] - time[begin]):
             starts.append(int(i))
             begin = int(i)
     return starts
@@ -319,8 +174,188 @@ def _rotations(speed: np.ndarray) -> int:
     if len(speed) < 4 * PHASE:
         return 0
     noise = float(np.median(np.abs(np.diff(speed)))) * 1.05
-    size = np.abs(speed)
-    turning = size > max(0.02 * float(np.quantile(size, 0.99)), 6.0 * noise)
-    phases = np.split(turning, np.flatnonzero(np.diff(turning.astype(np.int8))) + 1)
+    turning = np.abs(speed) > max(0.02 * float(np.quantile(np.abs(speed), 0.99)), 6.0 * noise)
+    phases = np.split(turning, np.flatnonzero(np.diff(turning)) + 1)
     states = [bool(phase[0]) for phase in phases if phase.size >= PHASE]
     return [state for state, _ in itertools.groupby(states)].count(True)
+
+
+# --- checks ---------------------------------------------------------------------------------------
+
+
+class Checker:
+    """Check the columns of one recording and collect the problems.
+
+    Settings that only some rows of a run state are filled in, and words brought to their form.
+    """
+
+    def __init__(
+        self, name: str, columns: dict[str, np.ndarray], place: PlaceOf, needs: Needs
+    ) -> None:
+        self.name, self.columns, self.place, self.needs = name, columns, place, needs
+        self.table, self.problems = needs.table, needs.problems
+        self.label, self.timed = columns[self.table.label], "time_s" in columns
+        self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
+
+    def run(self, units_stated: Collection[str]) -> list[str]:
+        """Run all checks; return notes on what is allowed but worth knowing.
+
+        The unit of columns in `units_stated` is not questioned.
+        """
+        missing = np.flatnonzero(self.codes < 0)
+        self._report(missing, lambda i: f"{self.table.label} is empty, it must label the recording")
+        present = [column for column in self.table.columns if column.name in self.columns]
+        for column in present:
+            if column.choices:
+                self._choices(column)
+        if self.timed:
+            self._settings()
+        notes: list[str] = []
+        for column in present:
+            if column.dtype == "float64":
+                is_doubted = column.name not in units_stated and self._doubts_unit(column)
+                notes += [] if is_doubted else self._numbers(column)
+        if self.timed:
+            self._time()
+            for column in present if not self.problems.count else ():
+                if column.unit in ("N", "mm") and column.name not in {*NOMINAL, *units_stated}:
+                    self._compare_runs(column)
+        return notes
+
+    def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
+        self.problems.add_alike(rows, text, self.place)
+
+    def _doubts_unit(self, column: Column) -> bool:
+        """Report a column whose numbers are about a thousand times too small or large."""
+        # a few samples of a sensor, most likely of a belt at rest, do not show its unit
+        few = self.timed and len(self.columns["time_s"]) < MIN_SAMPLES
+        values = self.columns[column.name]
+        guess = other_unit(column, self.table.kind, values)
+        if not guess or (few and column.name not in NOMINAL):
+            return False
+        self._report_unit(self.name, column, values, f"if it is in {guess}, say so", guess)
+        return True
+
+    def _report_unit(
+        self, place: str, column: Column, values: np.ndarray, advice: str, unit: str
+    ) -> None:
+        span = f"lies between {np.nanmin(values):g} and {np.nanmax(values):g}"
+        say = self.needs.say("units", column.name, unit)
+        self.problems.add(
+            f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}: {say}"
+        )
+
+    def _compare_runs(self, column: Column) -> None:
+        """Report runs whose numbers are in another unit than those of the others."""
+        values, idle = self.columns[column.name], self.columns.get("idle")
+        runs = pd.Series(values).groupby(self.codes)
+        low, high = runs.min(), runs.max()
+        size = (high - low) / 2 if column.unit == "mm" else high.abs().combine(low.abs(), max)
+        for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
+            rows = runs.indices[run]
+            guess = other_unit(column, self.table.kind, values[rows])
+            if guess and (idle is None or "true" not in idle[rows]):
+                where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
+                advice = f"is this run alone in {guess}? If it is not, say so"
+                self._report_unit(where, column, values[rows], advice, column.unit)
+
+    def _settings(self) -> None:
+        """Fill in settings that only some rows of a run state; report those that change in it."""
+        codes = self.codes
+        for column in (*NOMINAL, *RUN_TEXTS):
+            values = self.columns.get(column)
+            if values is None:
+                continue
+            first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
+            stated = ~absent(values) & (codes >= 0)
+            differ = (values != first) & stated
+            if values.dtype != object:
+                differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
+            rows = np.flatnonzero(differ)
+            _, at = np.unique(codes[rows], return_index=True)  # report the first of every run
+            self._report(
+                rows[np.sort(at)],
+                lambda i, v=values, e=first, c=column: (  # type: ignore[misc]
+                    f"{c} = {shown_value(v[i])}, must stay {shown_value(e[i])} within "
+                    f"{self.table.label} {self.label[i]} (is the label used twice?)"
+                ),
+            )
+            if not stated.all():
+                self.columns[column] = np.where(stated | (codes < 0), values, first)
+
+    def _numbers(self, column: Column) -> list[str]:
+        """Check the numbers of a column: range, infinite and missing values."""
+        values = self.columns[column.name]
+        negative = int((values < 0.0).sum())
+        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+            self.problems.add(
+                f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
+                "cell is reversed, put a minus before its name in the file: "
+                + self.needs.say("columns", column.name, f'"-{column.name}"')
+            )
+            return []
+        self._report(
+            np.flatnonzero(np.isinf(values) | outside(values, column)),
+            lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
+        )
+        missing = np.flatnonzero(np.isnan(values))
+        if not column.nullable:
+            told = absent(self.label[missing])
+            allowed = f"{column.name} is empty, must be {column.allowed}"
+            self._report(missing[~told], lambda i: allowed)
+        elif missing.size == values.size and column.required:
+            self.problems.add(f"{self.name}: {column.name} holds no numbers")
+        elif 0 < missing.size < values.size:
+            return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
+        return []
+
+    def _choices(self, column: Column) -> None:
+        """Check a column that allows certain words only; case does not matter, and 1 is true."""
+        truths = TRUTHS if column.choices == ("true", "false") else {}
+        values = self.columns[column.name]
+        lower = {word: word and truths.get(word.lower(), word.lower()) for word in set(values)}
+        wrong = {word for word, low in lower.items() if low not in (None, *column.choices)}
+        rows = np.flatnonzero([word in wrong for word in values])
+        self._report(rows, lambda i: f"{column.name} = {values[i]}, must be {column.allowed}")
+        self.columns[column.name] = np.array([lower[word] for word in values], dtype=object)
+
+    def _time(self) -> None:
+        """Report times that go backwards within a run."""
+        time, codes = self.columns["time_s"], self.codes
+        order = np.argsort(codes, kind="stable")
+        back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0) & (codes[order][1:] >= 0)
+        before = dict(zip(order[1:][back].tolist(), time[order[:-1][back]].tolist(), strict=True))
+        self._report(
+            np.sort(order[1:][back]),
+            lambda i: (
+                f"time_s = {time[i]:g} after {before[i]:g} in {self.table.label} {self.label[i]}, "
+                "must not go backwards (is the label used twice?)"
+            ),
+        )
+
+
+def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
+    """Return the unit in which the numbers would be plausible, or "" if they are so already.
+
+    The bounds are about halfway, on a logarithmic scale, between what belt benches record (tensions
+    of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm) and a thousandth or a thousand
+    times that.
+    """
+    finite, name = values[np.isfinite(values)], column.name
+    if not finite.size or (kind == "points" and name != "arc_deg"):
+        return ""  # tables written by hand, for belts of any size
+    largest, travel = np.abs(finite).max(), float(np.ptp(finite))
+    is_tension = column.unit == "N" and "tension" in name
+    plausible = (
+        (is_tension and finite.max() > 0.0 and largest < 5.0, "kN"),
+        (is_tension and np.median(np.abs(finite)) > 1e4, "mN"),
+        (name == "force_N" and largest < 5.0, "kN"),
+        (name == "force_N" and largest > 2e4, "mN"),
+        (name == "displacement_mm" and 30.0 < travel < 1e6, "um"),
+        (name == "displacement_mm" and 0.0 < travel < 5e-3, "m"),
+        (name == "torque_N_m" and 0.0 < largest < 0.1, "kN m"),
+        (name == "torque_N_m" and largest > 1000.0, "N mm"),
+        (name == "arc_deg" and largest < 2 * np.pi, "rad"),
+        (name == "temperature_degC" and finite.min() > 200.0, "K"),
+    )
+    return next((unit for holds, unit in plausible if holds), "")

@@ -21,11 +21,9 @@ from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES
 from beltid.tables.units import canonical_unit, is_known_unit
 
-SEARCHED: Final = 400
-"""Rows searched for a header below title lines."""
+SEARCHED: Final = 400  # rows searched for a header below title lines
 MAX_COLUMNS: Final = 2000
-BLOCK: Final = 5
-"""Number of similar rows that mark the beginning of the numbers."""
+BLOCK: Final = 5  # number of similar rows that mark the beginning of the numbers
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
 """A formula without a value in the XML of a sheet."""
 
@@ -44,24 +42,18 @@ class Head:
 
 def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
     """Find the header above the first block of numbers in the first rows of a file or sheet."""
-    filled = [i for i, row in enumerate(rows) if any(row)]
-    for at, index in enumerate(filled[1:], start=1):
+    filled = [i for i, row in enumerate(rows) if any(cell.strip(" -=_*") for cell in row)]
+    for at, first_row in enumerate(filled[1:], start=1):
         block = [rows[i] for i in filled[at : at + BLOCK]]
-        if not _is_numbers(block) or is_units_row(block[0]):
-            continue
-        above = [i for i in filled[:at] if any(cell.strip(" -=_*") for cell in rows[i])]
-        if not above:
-            return None
-        units_row = above.pop() if len(above) > 1 and is_units_row(rows[above[-1]]) else -1
-        notes = []
-        while len(above) > 1 and sum(map(bool, rows[above[-1]])) < 2:
-            notes.append(rows[above.pop()])  # a start or a rate between names and units
-        names = _names_of(rows, above)
-        if sum(1 for name in names if name and not is_number(name)) < 2:
-            return None
-        fields = fields_of([*(rows[i] for i in above[:-1]), *notes])
-        units = tuple(rows[units_row]) if units_row >= 0 else ()
-        return Head(names, units, above[-1], units_row, index, fields)
+        if _is_numbers(block) and not is_units_row(block[0]):
+            above = filled[:at]
+            units_row = above.pop() if at > 1 and is_units_row(rows[above[-1]]) else -1
+            names = tuple(rows[above[-1]])
+            if sum(1 for name in names if name and not is_number(name)) < 2:
+                return None
+            fields = fields_of([rows[i] for i in above[:-1]])
+            units = tuple(rows[units_row]) if units_row >= 0 else ()
+            return Head(names, units, above[-1], units_row, first_row, fields)
     return None
 
 
@@ -72,15 +64,6 @@ def head_at(rows: Sequence[Sequence[str]], row: int) -> Head:
     if below < len(rows) and is_units_row(rows[below]):
         return Head(tuple(rows[row]), tuple(rows[below]), row, below, below + 1, fields)
     return Head(tuple(rows[row]), (), row, -1, below, fields)
-
-
-def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str, ...]:
-    """Return the column names; a blank one is taken from the row above (merged cells)."""
-    names = rows[above[-1]]
-    upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
-    if sum(map(bool, upper)) > 1:  # a title is one cell
-        names = [name or over for name, over in itertools.zip_longest(names, upper, fillvalue="")]
-    return tuple(names)
 
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
@@ -188,8 +171,8 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
     written = (*head.units, *[""] * len(head.names))
     for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
         if name:
-            columns[name], in_cells = _column([row[i] if i < len(row) else None for row in body])
-            units[name] = in_cells or unit or unit_in_name(name)
+            columns[name] = _column([row[i] if i < len(row) else None for row in body])
+            units[name] = unit or unit_in_name(name)
     texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
     return Raw(
         place,
@@ -206,18 +189,14 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
 
 
 def _shown(cell: Any) -> str:
-    if cell is None:
-        return ""
     if isinstance(cell, datetime.datetime) and cell.year <= 1900:  # a time of day past midnight
         cell = cell.time()
-    return repr(cell) if isinstance(cell, float) else str(cell).strip()
+    return repr(cell) if isinstance(cell, float) else str("" if cell is None else cell).strip()
 
 
-def _column(cells: list[Any]) -> tuple[Any, str]:
-    """Return the cells of a column as numbers or texts, and the unit that they imply."""
+def _column(cells: list[Any]) -> Any:
+    """Return the cells of a column as numbers or texts."""
     kinds = {type(cell) for cell in cells if cell is not None and cell != ""}
-    if kinds == {datetime.timedelta}:  # [h]:mm:ss
-        return np.array([c.total_seconds() if c else np.nan for c in cells], dtype=float), "s"
     if kinds and kinds <= {int, float}:
-        return np.array([np.nan if c is None or c == "" else float(c) for c in cells]), ""
-    return pd.array([_shown(cell) or None for cell in cells], dtype="str"), ""
+        return np.array([np.nan if c is None or c == "" else float(c) for c in cells])
+    return pd.array([_shown(cell) or None for cell in cells], dtype="str")

@@ -31,13 +31,11 @@ SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
 """Our names; a first line with two of them is the header."""
-TOP: Final = 1 << 18
-"""Bytes in which the header is searched."""
+TOP: Final = 1 << 18  # bytes in which the header is searched
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 Bytes = bytes | bytearray
-BLOCK: Final = 4 << 20
-"""Bytes that Arrow reads at a time."""
+BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
@@ -134,7 +132,7 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
     own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
     if ours[own] > 1:
         return head_at(rows[own], first), own
-    found = [(head, sign) for sign in rows if (head := find_head(rows[sign]))]
+    found = [(above, sign) for sign in rows if (above := find_head(rows[sign]))]
     blank = [(h, s) for h, s in found if s == " " and len(h.names) == len(rows[s][h.first_row])]
     if found := [(h, s) for h, s in found if s != " "] or blank:
         return max(found, key=lambda pair: len(pair[0].names))

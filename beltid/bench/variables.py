@@ -1,4 +1,4 @@
-"""Files of variables: MATLAB 4, 5 and 7.3, HDF5, Parquet; and tables in memory.
+"""Files of variables: MATLAB 5 and 7.3, HDF5, Parquet; and tables in memory.
 
 A vector is a column, a number or text a header field, a struct or group of vectors a table.
 """
@@ -20,8 +20,7 @@ from beltid.bench.raw import UNITS, Field, Raw, Written, tables_of, unapplied_sc
 from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
 
-LONGEST_TEXT: Final = 1000
-"""Bytes of a text; a file can repeat a long one in every row at no cost."""
+LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
 LINK: Final = "is a link, which is not followed"
 
 
@@ -37,7 +36,7 @@ Variables = Mapping[str, "Variable | Variables"]
 
 
 def read_matlab(path: Path, place: str) -> Iterator[Raw]:
-    """Read a MATLAB file of version 5 or 4."""
+    """Read a MATLAB file of version 5."""
     from scipy.io import loadmat
 
     with path.open("rb") as stream:
@@ -47,12 +46,10 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 
 
 def _struct(members: Mapping[str, Any]) -> Variables:
-    """Return the members of a struct; one named units may hold those of the others."""
-    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
-    own = {name: value for name, value in members.items() if value is not units}
+    """Return the members of a struct."""
     return {
-        name: _struct(value) if isinstance(value, dict) else Variable(value, units.get(name, ""))
-        for name, value in own.items()
+        name: _struct(value) if isinstance(value, dict) else Variable(value)
+        for name, value in members.items()
     }
 
 
@@ -105,9 +102,15 @@ def _plain(value: Any) -> Any:
 
 
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
-    """Yield the tables in variables; InputError if there is none."""
-    left_out: list[str] = []
-    tables = list(_of_structs("", members, place, form, (), left_out))
+    """Yield the tables in variables: of the vectors, and of each struct of vectors."""
+    left_out = list[str]()
+    fields, found = _apart(members, left_out)
+    tables = tables_of(place, "", form, found, fields, left_out)
+    for name, struct in members.items():
+        if not isinstance(struct, Variable):
+            own, found = _apart(struct, left_out)
+            left_out += [f"{name}.{n} left out" for n, v in struct.items() if isinstance(v, dict)]
+            tables += tables_of(place, name, form, found, [*fields, *own], left_out)
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -117,16 +120,9 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     yield from tables
 
 
-def _of_structs(
-    name: str,
-    members: Variables,
-    place: str,
-    form: str,
-    above: tuple[Field, ...],
-    left_out: list[str],
-) -> Iterator[Raw]:
-    """Yield the table of a struct, then those of the structs in it."""
-    fields, found = [*above], list[Written]()
+def _apart(members: Variables, left_out: list[str]) -> tuple[list[Field], list[Written]]:
+    """Return the numbers and texts of a struct, and its vectors."""
+    fields, found = list[Field](), list[Written]()
     for key, member in members.items():
         if not isinstance(member, Variable):
             continue
@@ -138,11 +134,7 @@ def _of_structs(
             found.append(Written(key, array, member.unit, scaling=member.scaling))
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    yield from tables_of(place, name, form, found, fields, left_out)
-    for key, member in members.items():
-        if not isinstance(member, Variable):
-            inner = f"{name}.{key}" if name else key
-            yield from _of_structs(inner, member, place, form, tuple(fields), left_out)
+    return fields, found
 
 
 # --- Parquet and tables in memory ----------------------------------------------------------------

@@ -44,23 +44,25 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
         read_recording(path, "rig")
 
 
-def test_units_and_versions_of_matlab(tmp_path):
+def test_variables_of_matlab(tmp_path):
     from scipy.io import savemat
 
     test = w.PRESS
     time, force, travel = (test[c].to_numpy() for c in ("time_s", "force_N", "displacement_mm"))
     plain = {"Zeit": time, "Kraft": force / 1000, "Weg": travel}
-    savemat(tmp_path / "a.mat", {**plain, "units": {"Zeit": "s", "Kraft": "kN", "Weg": "mm"}})
-    savemat(tmp_path / "c.mat", plain, format="4")
     stated = {"units": {"press": {"time_s": "s", "force_N": "kN", "displacement_mm": "mm"}}}
-    for name, config in (("a", None), ("c", stated)):
-        columns = read_recording(tmp_path / f"{name}.mat", "press", load_config(config)).columns
-        np.testing.assert_allclose(columns["force_N"], force, rtol=1e-12)
-        np.testing.assert_allclose(columns["displacement_mm"], travel, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(columns["time_s"], time)
-    savemat(tmp_path / "d.mat", {"data": test[["time_s", "force_N"]].to_numpy()})
-    with pytest.raises(InputError, match="data left out"):
-        read_recording(tmp_path / "d.mat", "press")
+    savemat(tmp_path / "a.mat", plain)
+    columns = read_recording(tmp_path / "a.mat", "press", load_config(stated)).columns
+    np.testing.assert_allclose(columns["force_N"], force, rtol=1e-12)
+    np.testing.assert_array_equal(columns["time_s"], time)
+    for name, variables, how, words in (
+        ("4.mat", plain, "4", "if it is no text, export it"),
+        ("data.mat", {"data": test[["time_s", "force_N"]].to_numpy()}, "5", "data left out"),
+        ("deep.mat", {"a": {"b": plain}}, "5", "a.b left out"),
+    ):
+        savemat(tmp_path / name, variables, format=how)
+        with pytest.raises(InputError, match=words):
+            read_recording(tmp_path / name, "press", load_config(stated))
 
 
 def test_rates_and_starts_of_tdms_channels(tmp_path):
