@@ -49,15 +49,6 @@ class ReferencePoint(NamedTuple):
     slip_speed_m_s: float
 
 
-class FrictionTable(NamedTuple):
-    """Nodes of force (nf,) [N/m] and speed (nv,) [m/s], mu (nf, nv) at them, its deviation."""
-
-    normal_force_N_m: Array
-    slip_speed_m_s: Array
-    mu: Array
-    deviation: Deviation
-
-
 def reference_point(
     law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None
 ) -> ReferencePoint:
@@ -100,10 +91,11 @@ def deviations(law: ContactLaw, point: ReferencePoint) -> dict[str, Deviation]:
     return {LINEAR: _deviation(linear, pressed), CONSTANT: _deviation(constant, f, v)}
 
 
-def friction_table(surface: FrictionSurface) -> FrictionTable:
+def friction_table(surface: FrictionSurface) -> tuple[Array, Array, Array, Deviation]:
     """Refine a table until straight lines are within 0.1 % of the law, if `FINEST` allows.
 
     Each axis has at least `FEWEST` nodes; those appended take the nearest mu, as the law does.
+    Returns the nodes of force (nf,) [N/m] and speed (nv,) [m/s], mu (nf, nv), and its deviation.
     """
     at_f, at_v = _samples(surface)
     for parts in range(1, FINEST + 1):
@@ -114,7 +106,7 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
         deviation = _deviation(lines / surface.mu(at_f, at_v), at_f, at_v)
         if deviation.worst <= TABLE_TOLERANCE:
             break
-    return FrictionTable(f, v, mu, deviation)
+    return f, v, mu, deviation
 
 
 def press_end(law: ContactLaw) -> float:
