@@ -74,6 +74,7 @@ class Page:
     made_from: str = ""
 
 
+WITH_BUDGET: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
 SECTIONS: Final = (
     Section(
         "surface",
@@ -151,7 +152,7 @@ SECTIONS: Final = (
         "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
         "config, section uncertainty.",
         ("budget-{name}",),
-        tuple((name, "budget") for name in ("stiffness", "friction", *SURFACES, "drive")),
+        tuple((name, "budget") for name in WITH_BUDGET),
         folded=True,
     ),
     Section("set-aside", "Set aside, and why", folded=True),
