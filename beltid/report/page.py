@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -58,7 +58,7 @@ class Section:
     tables: Sequence[Table | None] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
-    tiles: Sequence[Tile] = ()
+    tiles: Sequence[Mapping[str, Any]] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,7 +279,6 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
-    """Summarize a belt in one row."""
     row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
     if stiffness := belt.get("stiffness"):
         row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
@@ -350,22 +349,12 @@ MOST_SHOWN: Final = 99.5
 """Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """Small picture of a run over time: its curve as an SVG path, in `WIDTH` x `HEIGHT`.
+def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
+    """Draw every run with a stored curve, in the order of the friction table, at one mu scale.
 
-    `why` is the reason why the run was set aside, `level` the height of the sliding coefficient.
+    The curve of a tile is an SVG path in `WIDTH` x `HEIGHT`, `level` the height of the sliding
+    coefficient, `why` the reason why the run was set aside.
     """
-
-    key: str
-    title: str
-    why: str
-    path: str
-    level: float
-
-
-def tiles(results: BeltResults) -> Iterator[Tile]:
-    """Draw every run with a stored curve, in the order of the friction table, at one mu scale."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         return
@@ -385,16 +374,18 @@ def tiles(results: BeltResults) -> Iterator[Tile]:
         )
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
         status = str(friction["status"][row])
-        why = "" if status == "ok" else status
         heights = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
-        level = HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest)
-        path = _path(WIDTH * time / max(time[-1], 1e-9), heights)
-        yield Tile(f"tile-{row}", f"{run}: {known}", why, path, level)
+        yield {
+            "key": f"tile-{row}",
+            "title": f"{run}: {known}",
+            "why": "" if status == "ok" else status,
+            "path": _path(WIDTH * time / max(time[-1], 1e-9), heights),
+            "level": HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
+        }
 
 
 def _path(x: np.ndarray, y: np.ndarray) -> str:
-    """Write a curve as an SVG path, with gaps where it is missing."""
-    known = np.isfinite(y)
+    known = np.isfinite(y)  # gaps where it is missing
     pens = np.where(np.append(False, known[:-1]), "L", "M")
     points = zip(pens[known], x[known], y[known], strict=True)
     return "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points)
