@@ -24,10 +24,8 @@ LINEAR: Final = "linear normal law"
 CONSTANT: Final = "constant mu"
 SAMPLES: Final = 121
 TABLE_TOLERANCE: Final = 1.0e-3
-FINEST: Final = 8
-"""Largest number of table intervals per cell of the surface."""
-FEWEST: Final = 4
-"""Smallest number of nodes on an axis of a table: a spline of Adams needs them."""
+FINEST: Final = 8  # largest number of table intervals per cell of the surface
+FEWEST: Final = 4  # smallest number of nodes on an axis of a table: a spline of Adams needs them
 PENETRATIONS: Final = 65
 
 

@@ -31,8 +31,7 @@ from beltid.export.reduction import (
 
 EVERYTHING: Final = "everything"
 WIDTH: Final = 92
-MAT_TEXT_BYTES: Final = 116
-"""Length of the free text at the beginning of a MAT-file of version 5."""
+MAT_TEXT_BYTES: Final = 116  # length of the free text at the beginning of a MAT-file of version 5
 
 
 class Target(NamedTuple):

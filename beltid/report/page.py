@@ -21,8 +21,7 @@ from beltid.report.view import chosen, grid, summary_of, with_pooled
 
 GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
-MOST_NOTES: Final = 10
-"""Number of notes of a section that are shown; the others are folded."""
+MOST_NOTES: Final = 10  # number of notes of a section that are shown; the others are folded
 SYMBOLS: Final = {
     "mu": "µ",
     "k linear": "k₁",
@@ -163,8 +162,7 @@ SECTIONS: Final = (
         folded=True,
     ),
 )
-OF_DRIVE: Final = ("drive", "forces")
-"""Sections that a belt without a drive does not have."""
+OF_DRIVE: Final = ("drive", "forces")  # sections that a belt without a drive does not have
 STIFFNESS: Final = (
     "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
     "hysteresis_ratio max_force_N_m n_samples"
@@ -228,21 +226,17 @@ def _filled(section: Section, results: BeltResults) -> Section:
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
-    """Collect warnings and notes of artifacts once, warnings first; say which surface they are of.
-
-    A note of all artifacts of a kind needs no name.
-    """
+    """Collect warnings and notes of artifacts once, warnings first; name what one surface says."""
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
         warnings = [f"Warning: {line}" for line in sheet.record.warnings]
         for line in (*warnings, *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
-    notes = []
-    for line, of in lines.items():
-        kin = [sheet for sheet in sheets if sheet.kind == of[0].kind]
-        alone = of[0].name in LABELS and len(of) < len(kin)
-        notes.append(f"{of[0].label}: {line}" if alone else line)
-    return sorted(dict.fromkeys(notes), key=lambda line: "Warning: " not in line)
+    notes = [
+        f"{of[0].label}: {line}" if len(of) == 1 and of[0].name in LABELS else line
+        for line, of in lines.items()
+    ]
+    return sorted(notes, key=lambda line: "Warning: " not in line)
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:

@@ -23,11 +23,9 @@ from beltid.report.results import (
 
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
-SAME: Final = 0.05
-"""Relative distance within which two values count as one."""
+SAME: Final = 0.05  # relative distance within which two values count as one
 WORDS: Final = ("no", "one", "two", "three")
-MOST_LISTED: Final = 12
-"""Largest number of settings that are listed; for more, the range is given."""
+MOST_LISTED: Final = 12  # largest number of settings that are listed; for more, the range is given
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,7 @@ from beltid.report.results import (
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
 LEVELS: Final = 12
-LEVEL_SLOPE: Final = 1e-3
-"""Relative slope of mu per unit of ln v below which mu counts as constant."""
+LEVEL_SLOPE: Final = 1e-3  # relative slope of mu per unit of ln v below which mu counts as constant
 
 
 def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> None:
