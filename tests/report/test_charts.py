@@ -113,14 +113,17 @@ def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
     np.testing.assert_allclose(in_order(bars(axes)), in_order(expected))
 
 
-@pytest.mark.parametrize("high", [130.0, 40.0])  # each its own, or neighbours that chain
-def test_a_random_design_is_drawn_in_a_few_classes(high: float) -> None:
-    arc = np.random.default_rng(5).uniform(35.0, high, 120)
-    classes = settings_of(arc, 7)
-    assert 1 <= len(classes) <= 7
-    assert sorted(np.concatenate(classes)) == list(range(arc.size))  # every run, once
-    assert class_name(arc[classes[0]]).startswith(f"{arc.min():.3g} to ")
-    assert class_name(arc[classes[-1]]).endswith(f" to {arc.max():.3g}")
+def test_a_random_design_is_drawn_in_a_few_classes() -> None:
+    rng = np.random.default_rng(5)
+    speed = np.exp(rng.uniform(np.log(2.0), np.log(50.0), 120))
+    # each its own, or neighbours that chain
+    for values in (speed, rng.uniform(35.0, 130.0, 120), rng.uniform(35.0, 40.0, 120)):
+        classes = settings_of(values, 8)
+        assert 1 <= len(classes) <= 8
+        assert sorted(np.concatenate(classes)) == list(range(values.size))  # every run, once
+    names = [class_name(speed[rows]) for rows in settings_of(speed, 8)]
+    assert names[0].startswith(f"{speed.min():.3g} to ")
+    assert names[-1].endswith(f" to {speed.max():.3g}")
 
 
 def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:

@@ -29,30 +29,38 @@ LEVELS: Final = 12
 LEVEL_SLOPE: Final = 1e-3  # relative slope of mu per unit of ln v below which mu counts as constant
 
 
-def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> None:
+def over_force(
+    axes: Any, data: Mapping[str, Any], mu: str, err: str = "", band: str = "", **look: Any
+) -> None:
     """Draw coefficients over the normal force; shade by speed, marker and line by arc.
 
     Runs of one arc and speed are joined if arcs and speeds repeat. `data` has the columns `mu`,
-    `err`, normal_force_N_m, slip_speed_m_s and, of runs, arc_deg.
+    `err` or `band`, normal_force_N_m, slip_speed_m_s (else pulley_speed_rad_s) and, of runs,
+    arc_deg.
     """
-    speed = MILLI * np.abs(data["slip_speed_m_s"])
+    title, speed = "v [mm/s]", MILLI * np.abs(data["slip_speed_m_s"])
+    if not np.isfinite(speed).any():
+        title, speed = "ω [rad/s]", np.abs(data["pulley_speed_rad_s"])
     arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
     by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(charts.MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
     lines = charts.LINES if joined else ("none",)
     pairs = zip(charts.MARKERS, cycle(lines), strict=False)
-    looks: list[Any] = [{"marker": marker, "ls": line, "lw": 0.9} for marker, line in pairs]
+    looks: list[Any] = [{"marker": marker, "ls": line, "lw": 0.9, **look} for marker, line in pairs]
+    errors: Any = {"err": err, "band": band if joined else ""}
     named = []
     for colour, at_speed in zip(charts.shades(len(by_speed)), by_speed, strict=True):
-        for look, at_arc in zip(looks, by_arc, strict=False):
+        for own, at_arc in zip(looks, by_arc, strict=False):
             rows = np.intersect1d(at_speed, at_arc)
             if rows.size:
-                draw(axes, data, "normal_force_N_m", mu, rows, err=err, color=colour, **look)
+                draw(axes, data, "normal_force_N_m", mu, rows, color=colour, **errors, **own)
         named.append((axes.plot([], [], color=colour, lw=4)[0], class_name(speed[at_speed])))
-    axes.figure.legend(*zip(*named[::-1], strict=True), title="v [mm/s]", loc="outside right upper")
-    for look, rows in zip(looks if arc.any() else (), by_arc, strict=False):
-        axes.plot([], [], color=charts.FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
+    if named and not axes.figure.legends:
+        speeds, names = zip(*named[::-1], strict=True)
+        axes.figure.legend(speeds, names, title=title, loc="outside right upper")
+    for own, rows in zip(looks if arc.any() else (), by_arc, strict=False):
+        axes.plot([], [], color=charts.FAINT, label=f"arc {class_name(arc[rows], '°')}", **own)
 
 
 @chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
@@ -62,8 +70,8 @@ def _measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
         raise NotDrawn("no run could be used")
     combined = np.isfinite(friction["mu_sliding_u"]).any()
     error = "mu_sliding_u" if combined else "mu_sliding_se"
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", error)
-    over_force(axes, {name: friction[name][good] for name in names}, "mu_sliding", error)
+    data = {name: values[good] for name, values in friction.columns.items()}
+    over_force(axes, data, "mu_sliding", error)
     errors = "combined standard uncertainties" if combined else "standard errors"
     return (
         f"A point per run, with two {errors}, at the mean normal force of Eq. (8). Shade: sliding "

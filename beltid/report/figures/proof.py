@@ -11,8 +11,8 @@ from beltid.errors import counted, percent
 from beltid.identify.estimators import snap_to_settings
 from beltid.report import charts
 from beltid.report.cells import sentence
-from beltid.report.charts import MILLI, NotDrawn, chart, draw
-from beltid.report.figures.friction import MOST_SPEEDS
+from beltid.report.charts import NotDrawn, chart, draw
+from beltid.report.figures.friction import over_force
 from beltid.report.results import (
     COMPARED,
     HELD_OUT,
@@ -21,7 +21,6 @@ from beltid.report.results import (
     BeltResults,
     Sheet,
     class_name,
-    is_setting,
     settings_of,
 )
 
@@ -33,24 +32,15 @@ def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
         raise NotDrawn(f"{sheet.name}.parquet has no means over the arcs")
     data = {k: np.array([row[k] for row in rows]) for k in rows[0] if k != "condition"}
     data["se"] = _scatter(sheet, data["nominal_tension_N"], data["pulley_speed_rad_s"])
-    omega = np.abs(data["pulley_speed_rad_s"])  # both senses of rotation
-    friction, surface = results.get("friction"), None
-    radius = friction.pulley_radius_m if friction else np.nan
+    speed = np.abs(data["pulley_speed_rad_s"]) * sheet.pulley_radius_m  # in either sense
+    data["slip_speed_m_s"], surface = speed, None
     if sheet.name in COMPARED:
         surface = results.get(SURFACES[COMPARED.index(sheet.name)])
     if surface is not None:
-        data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], radius * omega)
-    by_speed = settings_of(omega, MOST_SPEEDS)
-    for colour, at in zip(charts.shades(len(by_speed)), by_speed, strict=True):
-        named = is_setting(omega[at])
-        label = f"ω = {class_name(omega[at])} rad/s"
-        if radius > 0.0:
-            label = f"v = {class_name(MILLI * radius * omega[at])} mm/s"
-        look: Any = {"color": colour, "marker": "s", "ls": "none", "ms": 4, "capsize": 2}
-        draw(axes, data, "normal_force_N_m", "mu_measured", at, err="se", label=label, **look)
-        look = {"color": colour, "marker": "o", "ls": "-" if named else "none", "mfc": "none"}
-        band = "band" if named and "band" in data else ""
-        draw(axes, data, "normal_force_N_m", "mu_simulated", at, band=band, ms=8, **look)
+        data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], speed)
+    band = "" if surface is None else "band"
+    over_force(axes, data, "mu_measured", "se", marker="s", ls="none", ms=4, capsize=2)
+    over_force(axes, data, "mu_simulated", band=band, marker="o", mfc="none", ms=8, lw=1.4)
     axes.plot([], [], "s", color=charts.FAINT, label="measured")
     axes.plot([], [], "-o", color=charts.FAINT, mfc="none", ms=8, label="simulated")
     said = "Means over the arcs. Squares: measured, with two standard errors; circles: simulated"
