@@ -5,7 +5,7 @@ Also the normal force along the arc (Fig. 11).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -123,12 +123,19 @@ def _by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     return "No test was unloaded: the energy lost in a cycle is unknown."
 
 
+def by_setting(sheet: Sheet, of: Any = slice(None)) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and rows of every driver speed and belt tension, of some rows of a drive."""
+    rows = np.arange(len(sheet["torque_N_m"]))[of]
+    series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
+    for speed, tension in sorted(series):
+        known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.4g} N"
+        yield f"driver {speed:.4g} rad/s, T₀ {known}", rows[series[speed, tension]]
+
+
 @chart("slip", "Sliding speed in service", "slip", paper="Fig. 9")
 def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
-    series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
-    for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=lambda item: item[0])):
-        known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"
-        look = charts.group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
+    for i, (name, rows) in enumerate(by_setting(slip)):
+        look = charts.group(i, capsize=2, label=name)
         draw(axes, slip, "torque_N_m", "slip_speed_m_s", rows, err="slip_speed_se_m_s", **look)
     speeds = MILLI * slip.pulley_radius_m * np.array(slip.rig.get("pulley_speeds_rad_s") or ())
     for k, v in enumerate(speeds[(speeds > 0.0) & (speeds <= 2.0 * axes.get_ylim()[1])]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from beltid.report import charts
 from beltid.report.cells import axis, quantity
 from beltid.report.charts import NotDrawn, chart, draw
-from beltid.report.results import BeltResults, Sheet, series_of
+from beltid.report.figures.bench import by_setting
+from beltid.report.results import BeltResults, Sheet
 
 TALL: Final = 5.8
 
@@ -77,7 +78,7 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
     data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
     data["u"] = sheet["speed_loss_u_rad_s"]
-    for k, (name, rows) in enumerate(_series(sheet, sheet["pulley"] == pulley)):
+    for k, (name, rows) in enumerate(by_setting(sheet, sheet["pulley"] == pulley)):
         look = charts.group(k, label=name)
         for part in ("creep", "creep_and_seating"):
             of_part = f"loss_{part}_rad_s"
@@ -112,7 +113,7 @@ def _along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
 
 @chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive")
 def _compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    for k, (name, rows) in enumerate(_series(sheet, np.ones(len(sheet["run"]), dtype=bool))):
+    for k, (name, rows) in enumerate(by_setting(sheet)):
         look = charts.group(k, marker=None)
         draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **look)
         look = charts.group(k, ls="none", label=name)
@@ -121,11 +122,3 @@ def _compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "
         "which were not fitted to this recording."
     )
-
-
-def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield name and rows of every driver speed and belt tension."""
-    rows = np.flatnonzero(of)
-    series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
-    for (speed, tension), places in series.items():
-        yield f"{speed:.4g} rad/s, T₀ = {tension:.4g} N", rows[places]
