@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from beltid import __version__
-from beltid.export.law_file import schema
+from beltid.export.law import schema
 
 project = "beltid"
 author = "the beltid authors"

@@ -6,8 +6,7 @@ states the deviation from the law over the range of mu.
 ============= =========================================================
 Module        Responsibility
 ============= =========================================================
-``law``       the contact law as one value: the model of the JSON file
-``law_file``  JSON text <-> law; the JSON Schema
+``law``       the contact law as one value, its JSON text and JSON Schema
 ``reduction`` simplified laws and their deviation from the law
 ``targets``   a line per program; ``templates`` has its files
 ============= =========================================================

@@ -1,7 +1,14 @@
-"""The contact law of a belt as one value, in the shape of its JSON file."""
+"""The contact law of a belt as one value, in the shape of its JSON file; that text and its schema.
+
+The text contains the SHA-256 of its content, so that a law edited by hand is not mistaken for the
+identified one. To use an edited law, remove the key ``content_sha256``.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
 from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
@@ -13,11 +20,14 @@ from pydantic import (
     Field,
     NonNegativeFloat,
     PositiveFloat,
+    ValidationError,
     ValidationInfo,
     field_validator,
 )
 
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
+from beltid.config.messages import problem
+from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.store.artifact import Origin, plain
@@ -25,6 +35,8 @@ from beltid.store.artifact import Origin, plain
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
 SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
+SEAL: Final = "content_sha256"
+SUFFIX: Final = ".beltlaw.json"
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Size = PositiveFloat | None
@@ -136,13 +148,12 @@ class FrictionPart(Part):
     def _of_the_nodes(cls, patches: Any, info: ValidationInfo) -> Any:
         names = ("normal_force_N_m", "slip_speed_m_s", "mu")
         nodes: list[Any] = [info.data.get(name) for name in names]
-        if all(nodes) and not _fits(FrictionSurface(*nodes).tables().C, patches):
+        if not all(nodes):
+            return patches
+        own = FrictionSurface(*nodes).tables().C
+        if np.shape(patches) != own.shape or not np.allclose(patches, own, rtol=1e-7, atol=1e-9):
             raise complain("those of the nodes mu; beltid.FrictionSurface makes them")
         return patches
-
-
-def _fits(expected: np.ndarray, given: Any) -> bool:
-    return np.shape(given) == expected.shape and np.allclose(given, expected, rtol=1e-7, atol=1e-9)
 
 
 class Validity(Part):
@@ -206,11 +217,6 @@ class ContactLaw(Part):
         """The normal contact law."""
         return NormalLaw(self.normal.k_linear_N_m2, self.normal.k_quadratic_N_m3)
 
-    @property
-    def synthetic(self) -> bool:
-        """Whether the data come from a virtual bench."""
-        return self.origin == "synthetic"
-
 
 @lru_cache(maxsize=8)
 def _surface(part: FrictionPart) -> FrictionSurface:
@@ -225,31 +231,21 @@ def friction_part(
     budget: tuple[Contribution, ...] = (),
     sticking: tuple[float, float] | None = None,
 ) -> FrictionPart:
-    """Build the friction part of a law from its surface.
+    """Build the friction part of a law from its surface with its covariance.
 
-    Parameters
-    ----------
-    surface : FrictionSurface
-        The surface; also supplies its covariance.
-    method : str
-        Identification method.
-    budget : tuple of Contribution
-        Contributions to its uncertainty.
-    sticking : tuple of float, optional
-        Ratio of sticking peak and sliding coefficient: mean and standard deviation of the runs.
+    `budget` are the contributions to its uncertainty, `sticking` mean and standard deviation of the
+    ratio of sticking peak and sliding coefficient.
     """
     tables, factor = surface.tables(), surface.factor
-    known = {} if factor is None else {"factor": factor}
-    if factor is not None:
-        known["mu_u"] = surface.mu_nodes * np.linalg.norm(factor, axis=2)
-    if surface.mu_se_nodes is not None:
-        known["mu_se"] = surface.mu_se_nodes
     values = {
         "method": method,
         "normal_force_N_m": surface.normal_force_N_m,
         "slip_speed_m_s": surface.slip_speed_m_s,
         "mu": surface.mu_nodes,
+        "mu_u": None if factor is None else surface.mu_nodes * np.linalg.norm(factor, axis=2),
+        "mu_se": surface.mu_se_nodes,
         "budget": budget,
+        "factor": factor,
         "sources": surface.sources,
         "sticking_ratio": sticking[0] if sticking else None,
         "sticking_ratio_sd": sticking[1] if sticking else None,
@@ -258,6 +254,89 @@ def friction_part(
         "f_ref_N_m": tables.f_ref,
         "v_ref_m_s": tables.v_ref,
         "patches": tables.C,
-        **known,
     }
-    return FrictionPart.model_validate({name: plain(value) for name, value in values.items()})
+    return FrictionPart.model_validate(plain(values))
+
+
+def law_text(law: ContactLaw) -> str:
+    """Write a law as JSON text; the same law gives the same bytes."""
+    values = law.model_dump(mode="json")
+    return _indented({"$schema": SCHEMA_ID, **values, SEAL: _seal(values)}) + "\n"
+
+
+def law_from_text(text: str, name: str) -> ContactLaw:
+    """Read a law from JSON text; messages call the file by its name.
+
+    Raises
+    ------
+    ArtifactError
+        If the text is not a contact law, is damaged, or was edited without removing its checksum.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"{name}: not a contact law: not valid JSON ({error})") from None
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise ArtifactError(
+            f'{name}: not a contact law: the key "format" must be "{FORMAT}"; '
+            "`beltid export json` writes one"
+        )
+    if values.get("version") != VERSION:
+        raise ArtifactError(
+            f"{name}: version = {values.get('version')!r}, this beltid reads version {VERSION}"
+        )
+    seal = values.pop(SEAL, None)
+    values.pop("$schema", None)
+    if seal is not None and seal != _seal(values):
+        raise ArtifactError(
+            f"{name}: was changed after beltid wrote it; if this is intended, remove its key {SEAL}"
+        )
+    if isinstance(values.get("friction"), dict):
+        values["friction"].pop("ensemble", None)  # of earlier files, nearly always null
+    try:
+        # strict and as JSON: text is not accepted as a number, a list is accepted as a tuple
+        law = ContactLaw.model_validate_json(json.dumps(values), strict=True)
+        law.surface, law.normal_law  # noqa: B018  (raise what the model cannot see)
+    except ValidationError as error:
+        raise ArtifactError(validation_problems(error, name)) from None
+    except InputError as error:
+        raise ArtifactError(error.at(name)) from None
+    return law
+
+
+def validation_problems(error: ValidationError, name: str) -> list[str]:
+    """List the validation errors of a law, one line per problem."""
+    details = error.errors(include_url=False)[:SHOWN]
+    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
+
+
+def schema() -> dict[str, Any]:
+    """Build the JSON Schema (2020-12) of the file."""
+    generated = ContactLaw.model_json_schema(mode="validation")
+    generated["properties"] = {
+        "$schema": {"const": SCHEMA_ID, "description": "schema of this file"},
+        **generated["properties"],
+        SEAL: {
+            "type": "string",
+            "pattern": "^[0-9a-f]{64}$",
+            "description": "SHA-256 of all other keys as JSON with sorted keys and no spaces "
+            "(without $schema); remove this key after editing the file by hand",
+        },
+    }
+    generated["required"] = ["format", "version", *generated["required"]]
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID}
+    return dialect | generated | {"title": "Contact law between a belt and a pulley"}
+
+
+def _seal(values: dict[str, Any]) -> str:
+    return hashlib.sha256(
+        json.dumps(values, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
+
+
+def _indented(values: dict[str, Any]) -> str:
+    """Format JSON with one key per line, and one line per list of plain values."""
+    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
+    # raw line breaks stand between values only
+    innermost = re.compile(r"\[\n *([^\[\]{}]*?)\n *\]")
+    return innermost.sub(lambda found: "[" + re.sub(r"\n *", " ", found[1]) + "]", text)

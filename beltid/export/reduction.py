@@ -24,10 +24,8 @@ LINEAR: Final = "linear normal law"
 CONSTANT: Final = "constant mu"
 SAMPLES: Final = 121
 TABLE_TOLERANCE: Final = 1.0e-3
-FINEST: Final = 8
-"""Largest number of table intervals per cell of the surface."""
-FEWEST: Final = 4
-"""Smallest number of nodes on an axis of a table: a spline of Adams needs them."""
+FINEST: Final = 8  # largest number of table intervals per cell of the surface
+FEWEST: Final = 4  # smallest number of nodes on an axis of a table: a spline of Adams needs them
 PENETRATIONS: Final = 65
 
 
@@ -47,15 +45,6 @@ class ReferencePoint(NamedTuple):
 
     normal_force_N_m: float
     slip_speed_m_s: float
-
-
-class FrictionTable(NamedTuple):
-    """Nodes of force (nf,) [N/m] and speed (nv,) [m/s], mu (nf, nv) at them, its deviation."""
-
-    normal_force_N_m: Array
-    slip_speed_m_s: Array
-    mu: Array
-    deviation: Deviation
 
 
 def reference_point(
@@ -100,10 +89,11 @@ def deviations(law: ContactLaw, point: ReferencePoint) -> dict[str, Deviation]:
     return {LINEAR: _deviation(linear, pressed), CONSTANT: _deviation(constant, f, v)}
 
 
-def friction_table(surface: FrictionSurface) -> FrictionTable:
+def friction_table(surface: FrictionSurface) -> tuple[Array, Array, Array, Deviation]:
     """Refine a table until straight lines are within 0.1 % of the law, if `FINEST` allows.
 
     Each axis has at least `FEWEST` nodes; those appended take the nearest mu, as the law does.
+    Returns the nodes of force (nf,) [N/m] and speed (nv,) [m/s], mu (nf, nv), and its deviation.
     """
     at_f, at_v = _samples(surface)
     for parts in range(1, FINEST + 1):
@@ -114,7 +104,7 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
         deviation = _deviation(lines / surface.mu(at_f, at_v), at_f, at_v)
         if deviation.worst <= TABLE_TOLERANCE:
             break
-    return FrictionTable(f, v, mu, deviation)
+    return f, v, mu, deviation
 
 
 def press_end(law: ContactLaw) -> float:

@@ -16,8 +16,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from beltid.errors import percent
-from beltid.export.law import ContactLaw
-from beltid.export.law_file import law_text
+from beltid.export.law import ContactLaw, law_text
 from beltid.export.reduction import (
     CONSTANT,
     LINEAR,
@@ -32,8 +31,7 @@ from beltid.export.reduction import (
 
 EVERYTHING: Final = "everything"
 WIDTH: Final = 92
-MAT_TEXT_BYTES: Final = 116
-"""Length of the free text at the beginning of a MAT-file of version 5."""
+MAT_TEXT_BYTES: Final = 116  # length of the free text at the beginning of a MAT-file of version 5
 
 
 class Target(NamedTuple):
@@ -73,33 +71,53 @@ def export(law: ContactLaw, target: str, point: ReferencePoint) -> Export:
 
     A linear normal law and a constant mu are exact at `point`.
     """
-    name = "belt_" + re.sub(r"[^a-z0-9]", "_", law.belt.name.lower())
-    values = _values(law, target, point) | {"name": name}
-    environment = _environment()
-    files = {}
-    for template in environment.list_templates(
-        filter_func=lambda path: path.startswith(f"{target}/")
-    ):
-        file = template.removeprefix(f"{target}/").removesuffix(".j2")
-        file = file.replace("NAME", name).replace("BELT", law.belt.name)
-        text = environment.get_template(template).render(values)
-        files[file] = _mat_file(values, text) if target == "matlab" else text.encode()
+    environment = Environment(
+        loader=PackageLoader("beltid.export"),
+        undefined=StrictUndefined,
+        variable_start_string="${",
+        variable_end_string="}",
+        block_start_string="<%",
+        block_end_string="%>",
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "fmt": lambda value, pattern: pattern % value,
+        "times": lambda values, factor: [factor * value for value in values],
+        "sqrt": math.sqrt,
+        "rows": _rows,
+        "braced": _braced,
+        "comment": _comment,
+    }
+    values, files = _values(law, target, point), {}
+    for template in environment.list_templates():
+        folder, _, file = template.removesuffix(".j2").rpartition("/")
+        if folder == target:
+            file = file.replace("NAME", values["name"]).replace("BELT", law.belt.name)
+            text = environment.get_template(template).render(values)
+            files[file] = _mat_file(values, text) if target == "matlab" else text.encode()
     return Export(files, values["reductions"])
 
 
 def _values(law: ContactLaw, target: str, point: ReferencePoint) -> dict[str, Any]:
     """Return what a template can use: the law, its tables in SI units, what is stated about it."""
-    table, delta = friction_table(law.surface), penetration_nodes(law)
-    reductions = {TABLE: table.deviation, **deviations(law, point)}
+    f, v, mu, deviation = friction_table(law.surface)
+    delta = penetration_nodes(law)
+    reductions = {TABLE: deviation, **deviations(law, point)}
     return {
+        "name": "belt_" + re.sub(r"[^a-z0-9]", "_", law.belt.name.lower()),
         "law": law,
         **{part: getattr(law, part) for part in ("belt", "normal", "friction", "validity")},
-        "f": table.normal_force_N_m.tolist(),
-        "v": table.slip_speed_m_s.tolist(),
-        "mu": table.mu.tolist(),
-        "table_deviation": table.deviation,
+        "f": f.tolist(),
+        "v": v.tolist(),
+        "mu": mu.tolist(),
         "delta": delta.tolist(),
         "line_force": law.normal_law.force(delta).tolist(),
+        "straight_lines": (
+            "Straight lines between penetrations overestimate the line force by <= "
+            f"{law.normal.k_quadratic_N_m3 * delta[1] ** 2 / 4:.2g} N/m. Straight lines of mu are "
+            f"off by {deviation}."
+        ),
         "press_end": press_end(law),
         "point": point,
         "reductions": {name: reductions[name] for name in TARGETS[target].reduced},
@@ -127,29 +145,6 @@ def _uncertainty(law: ContactLaw) -> str:
     return f"{label}: median {median}, {worst} at worst.{note}"
 
 
-def _environment() -> Environment:
-    """Return the environment of the templates with their few filters."""
-    environment = Environment(
-        loader=PackageLoader("beltid.export"),
-        undefined=StrictUndefined,
-        variable_start_string="${",
-        variable_end_string="}",
-        block_start_string="<%",
-        block_end_string="%>",
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {
-        "fmt": lambda value, pattern: pattern % value,
-        "times": lambda values, factor: [factor * value for value in values],
-        "sqrt": math.sqrt,
-        "rows": _rows,
-        "braced": _braced,
-        "comment": _comment,
-    }
-    return environment
-
-
 def _rows(values: Any, count: int, comma: str, newline: str) -> str:
     """Join values, `count` to a line."""
     texts = [str(value) for value in values]
@@ -163,11 +158,9 @@ def _braced(value: Any) -> str:
 
 def _comment(text: str, sign: str) -> str:
     """Turn paragraphs, one to a line, into lines of plain ASCII that begin with a sign."""
-    wrapped = (
-        textwrap.wrap(_plain(line), WIDTH, subsequent_indent="  ", break_long_words=False)
-        for line in text.splitlines()
-    )
-    return "".join(f"{sign}{line}\n" for lines in wrapped for line in lines)
+    wrapper = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_long_words=False)
+    lines = (line for part in text.splitlines() for line in wrapper.wrap(_plain(part)))
+    return "".join(f"{sign}{line}\n" for line in lines)
 
 
 def _plain(text: str) -> str:
@@ -203,7 +196,7 @@ def _mat_file(values: dict[str, Any], readme: str) -> bytes:
     buffer = io.BytesIO()
     savemat(buffer, content, oned_as="column")
     # in place of the machine and date that scipy writes
-    synthetic = ", SYNTHETIC DATA" if law.synthetic else ""
+    synthetic = ", SYNTHETIC DATA" if law.origin == "synthetic" else ""
     text = f"MATLAB 5.0 MAT-file, contact law of a belt{synthetic}, {law.provenance.software}"
     head = _plain(text).encode()[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES)
     return head + buffer.getvalue()[MAT_TEXT_BYTES:]

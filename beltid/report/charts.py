@@ -29,24 +29,18 @@ MU: Final = axis("mu")
 LINE_FORCE: Final = axis("normal_force_N_m")
 SPEED: Final = axis("slip_speed_m_s")
 MILLI: Final = 1e3
-WIDTH: Final = 5.2
-"""Width of a figure [in], which still fits a narrow screen."""
+WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
 HEIGHT: Final = 4.4
 NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-WIDE: Final = 5.0
-"""Smallest ratio of highest to lowest value for a logarithmic axis."""
-MOST_NAMED: Final = 12
-"""Largest number of legend entries."""
-LOW_LEGEND: Final = 0.9
-"""Legend height that fits into a figure of the usual height [in]."""
-LONGEST_NAME: Final = 48
-"""Characters per line of a legend entry."""
-RESOLUTION: Final = 150
-"""Of a PNG, dots per inch."""
+WIDE: Final = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
+MOST_NAMED: Final = 12  # largest number of legend entries
+LOW_LEGEND: Final = 0.9  # legend height that fits into a figure of the usual height [in]
+LONGEST_NAME: Final = 48  # characters per line of a legend entry
+RESOLUTION: Final = 150  # of a PNG, dots per inch
 INK: Final = "#1a1a1a"
 FAINT: Final = "#767676"
 GRID: Final = "#dddddd"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -21,8 +21,7 @@ from beltid.report.view import chosen, grid, summary_of, with_pooled
 
 GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
-MOST_NOTES: Final = 10
-"""Number of notes of a section that are shown; the others are folded."""
+MOST_NOTES: Final = 10  # number of notes of a section that are shown; the others are folded
 SYMBOLS: Final = {
     "mu": "µ",
     "k linear": "k₁",
@@ -58,7 +57,7 @@ class Section:
     tables: Sequence[Table | None] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
-    tiles: Sequence[Tile] = ()
+    tiles: Sequence[Mapping[str, Any]] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +73,7 @@ class Page:
     made_from: str = ""
 
 
+WITH_BUDGET: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
 SECTIONS: Final = (
     Section(
         "surface",
@@ -151,7 +151,7 @@ SECTIONS: Final = (
         "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
         "config, section uncertainty.",
         ("budget-{name}",),
-        tuple((name, "budget") for name in ("stiffness", "friction", *SURFACES, "drive")),
+        tuple((name, "budget") for name in WITH_BUDGET),
         folded=True,
     ),
     Section("set-aside", "Set aside, and why", folded=True),
@@ -162,8 +162,7 @@ SECTIONS: Final = (
         folded=True,
     ),
 )
-OF_DRIVE: Final = ("drive", "forces")
-"""Sections that a belt without a drive does not have."""
+OF_DRIVE: Final = ("drive", "forces")  # sections that a belt without a drive does not have
 STIFFNESS: Final = (
     "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
     "hysteresis_ratio max_force_N_m n_samples"
@@ -227,21 +226,17 @@ def _filled(section: Section, results: BeltResults) -> Section:
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
-    """Collect warnings and notes of artifacts once, warnings first; say which surface they are of.
-
-    A note of all artifacts of a kind needs no name.
-    """
+    """Collect warnings and notes of artifacts once, warnings first; name what one surface says."""
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
         warnings = [f"Warning: {line}" for line in sheet.record.warnings]
         for line in (*warnings, *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
-    notes = []
-    for line, of in lines.items():
-        kin = [sheet for sheet in sheets if sheet.kind == of[0].kind]
-        alone = of[0].name in LABELS and len(of) < len(kin)
-        notes.append(f"{of[0].label}: {line}" if alone else line)
-    return sorted(dict.fromkeys(notes), key=lambda line: "Warning: " not in line)
+    notes = [
+        f"{of[0].label}: {line}" if len(of) == 1 and of[0].name in LABELS else line
+        for line, of in lines.items()
+    ]
+    return sorted(notes, key=lambda line: "Warning: " not in line)
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
@@ -278,7 +273,6 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
-    """Summarize a belt in one row."""
     row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
     if stiffness := belt.get("stiffness"):
         row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
@@ -349,22 +343,12 @@ MOST_SHOWN: Final = 99.5
 """Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """Small picture of a run over time: its curve as an SVG path, in `WIDTH` x `HEIGHT`.
+def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
+    """Draw every run with a stored curve, in the order of the friction table, at one mu scale.
 
-    `why` is the reason why the run was set aside, `level` the height of the sliding coefficient.
+    The curve of a tile is an SVG path in `WIDTH` x `HEIGHT`, `level` the height of the sliding
+    coefficient, `why` the reason why the run was set aside.
     """
-
-    key: str
-    title: str
-    why: str
-    path: str
-    level: float
-
-
-def tiles(results: BeltResults) -> Iterator[Tile]:
-    """Draw every run with a stored curve, in the order of the friction table, at one mu scale."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         return
@@ -384,16 +368,18 @@ def tiles(results: BeltResults) -> Iterator[Tile]:
         )
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
         status = str(friction["status"][row])
-        why = "" if status == "ok" else status
         heights = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
-        level = HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest)
-        path = _path(WIDTH * time / max(time[-1], 1e-9), heights)
-        yield Tile(f"tile-{row}", f"{run}: {known}", why, path, level)
+        yield {
+            "key": f"tile-{row}",
+            "title": f"{run}: {known}",
+            "why": "" if status == "ok" else status,
+            "path": _path(WIDTH * time / max(time[-1], 1e-9), heights),
+            "level": HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
+        }
 
 
 def _path(x: np.ndarray, y: np.ndarray) -> str:
-    """Write a curve as an SVG path, with gaps where it is missing."""
-    known = np.isfinite(y)
+    known = np.isfinite(y)  # gaps where it is missing
     pens = np.where(np.append(False, known[:-1]), "L", "M")
     points = zip(pens[known], x[known], y[known], strict=True)
     return "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points)

@@ -17,8 +17,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
 from beltid.store.artifact import Artifact, combined_origin
 
-HELD_OUT: Final = "crossvalidation"
-"""Comparison with runs that were left out and predicted."""
+HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out and predicted
 SURFACES: Final = ("surface_refined", "surface")
 SIMULATED: Final = ("simulated_refined", "simulated")
 COMPARED: Final = ("compare_refined", "compare")
@@ -28,12 +27,9 @@ LABELS: Final = {
     for name, label in zip(names, ("refined", "published"), strict=True)
 }
 """Artifact -> the surface that it is, or was simulated with; the refined one first."""
-LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
-"""Label of the setting that was left out."""
-SAME: Final = 0.03
-"""Relative distance within which two values count as one setting."""
-UNKNOWN_TENSION: Final = -1.0
-"""Placeholder for an unknown tension [N]."""
+LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
+SAME: Final = 0.03  # relative distance within which two values count as one setting
+UNKNOWN_TENSION: Final = -1.0  # placeholder for an unknown tension [N]
 
 
 class Sheet(Artifact):

@@ -23,11 +23,9 @@ from beltid.report.results import (
 
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
-SAME: Final = 0.05
-"""Relative distance within which two values count as one."""
+SAME: Final = 0.05  # relative distance within which two values count as one
 WORDS: Final = ("no", "one", "two", "three")
-MOST_LISTED: Final = 12
-"""Largest number of settings that are listed; for more, the range is given."""
+MOST_LISTED: Final = 12  # largest number of settings that are listed; for more, the range is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +137,8 @@ def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
     if stiffness := results.get("stiffness"):
         yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
     if best := results.best_surface:
-        surface, mu = best.surface, best.surface.mu_nodes
-        name = f"Friction surface, {LABELS.get(best.name, 'published')}"
-        yield name, f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
-        if best.measured_force is not None:
-            yield "measured", _forces(best.measured_force)
-        given = "inferred" if best.name == "surface_refined" else "on the grid"
-        yield given, f"{_forces(surface.normal_force_N_m)}, {_speeds(surface.slip_speed_m_s)}"
+        mu, name = best.surface.mu_nodes, LABELS.get(best.name, "published")
+        yield f"Friction surface, {name}", f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
     if drive := results.get("compare_drive"):
         rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
         error = cell("rms_percent", None if rms is None else 100.0 * rms)

@@ -18,11 +18,9 @@ from beltid.report.results import Sheet, sheet_of
 from beltid.report.summary import Rows, Summary, rows_of, show
 from beltid.store.artifact import Artifact
 
-FEW: Final = 16
-"""Number of rows up to which a table is shown as it is."""
+FEW: Final = 16  # number of rows up to which a table is shown as it is
 MOST_LINES: Final = 40
-MOST_RANGES: Final = 3
-"""Number of ranges in a row of a grouped table, so that it fits a terminal."""
+MOST_RANGES: Final = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +114,7 @@ COLUMNS: Final = {
     "force_high_N_m",
 }
 """Columns of further tables that have more."""
-RUNS: Final = "simulated_runs"
-"""Further table that stands for the columns."""
+RUNS: Final = "simulated_runs"  # further table that stands for the columns
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
 

@@ -14,6 +14,7 @@ from beltid._version import __version__
 from beltid.config import find_config
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import (
+    SUFFIX,
     BeltFacts,
     ContactLaw,
     Contribution,
@@ -21,8 +22,8 @@ from beltid.export.law import (
     Provenance,
     Validity,
     friction_part,
+    validation_problems,
 )
-from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Export, export
 from beltid.notes import log

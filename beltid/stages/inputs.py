@@ -14,8 +14,7 @@ import numpy as np
 from beltid.bench.recording import table_columns
 from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError
-from beltid.export.law import ContactLaw
-from beltid.export.law_file import law_from_text
+from beltid.export.law import ContactLaw, law_from_text
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 import beltid
 from beltid.cli import app
-from beltid.export.law import ContactLaw
-from beltid.export.law_file import law_text
+from beltid.export.law import ContactLaw, law_text
 from beltid.export.targets import TARGETS
 
 

@@ -14,8 +14,17 @@ from hypothesis import strategies as st
 
 import beltid
 from beltid.errors import ArtifactError
-from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
-from beltid.export.law_file import law_from_text, law_text, schema
+from beltid.export.law import (
+    BeltFacts,
+    ContactLaw,
+    NormalPart,
+    Provenance,
+    Validity,
+    friction_part,
+    law_from_text,
+    law_text,
+    schema,
+)
 
 positive = st.floats(1e-6, 1e6)
 VALIDATOR = jsonschema.Draft202012Validator(schema())

@@ -13,7 +13,7 @@ from pathlib import Path
 from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
-from beltid.export.law_file import law_from_text
+from beltid.export.law import law_from_text
 from beltid.report.page import provenance, set_aside, tabulated
 from beltid.report.results import BeltResults, sheet_of
 from beltid.report.verdict import verdict_of

@@ -37,7 +37,7 @@ from beltid.report.charts import (
 )
 from beltid.report.figures import friction as of_friction
 from beltid.report.page import Page
-from beltid.report.results import BeltResults, Sheet, sheet_of
+from beltid.report.results import BeltResults, Sheet, class_name, settings_of, sheet_of
 
 mpl.use("agg")
 
@@ -94,16 +94,6 @@ def test_the_press_is_drawn_with_the_law_of_its_temperature() -> None:
     assert loading.shape[0] == 12  # its own test alone
 
 
-def test_a_press_that_was_never_unloaded_has_no_branch_of_unloading() -> None:
-    curves = sheets()["press_curves"]
-    rows = curves["branch"] == "loading"
-    alone = replace(curves, columns={k: v[rows] for k, v in curves.columns.items()})
-    for key in ("press-temperature", "press-law"):
-        labels = drawn(key, results(press_curves=alone))[0].get_legend_handles_labels()[1]
-        assert "loading" in labels
-        assert "unloading" not in labels
-
-
 def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
     above, below = drawn("run")  # of R08, of the largest arc
     assert line(above, "tight span")[-1, 1] == pytest.approx(FRICTION["tension_tight_N"][8])
@@ -116,14 +106,6 @@ def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
     assert (1.0, 1.0, 1.0, 1.0) not in {look for look, _ in looks}  # a swatch on white
 
 
-def test_normal_force_along_the_arc_is_the_profile() -> None:
-    axes = drawn("arc")
-    assert len(axes) == len(ARCS)
-    points = line(axes[0], "simulated contact")
-    assert points[:, 1].max() == pytest.approx(9000.0)
-    assert points[-1, 0] == pytest.approx(50.0)  # mm
-
-
 def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
     (axes, *_) = drawn("friction")
     assert len(axes.containers) == len(ARCS) * len(SPEEDS)
@@ -131,33 +113,17 @@ def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
     np.testing.assert_allclose(in_order(bars(axes)), in_order(expected))
 
 
-def over_force(
-    arc: np.ndarray, speed: np.ndarray, force: np.ndarray, mu: np.ndarray
-) -> tuple[Any, list[str], list[str]]:
-    """Axes, and names of speeds and arcs."""
-    fig = Figure()
-    axes = fig.subplots()
-    data = {"arc_deg": arc, "slip_speed_m_s": speed, "normal_force_N_m": force, "mu": mu}
-    of_friction.over_force(axes, data, "mu")
-    names = [text.get_text() for text in fig.legends[0].get_texts()]
-    return axes, names, axes.get_legend_handles_labels()[1]
-
-
-@pytest.mark.parametrize("high", [130.0, 40.0])  # each its own, or neighbours that chain
-def test_a_random_design_is_drawn_in_a_few_classes(high: float) -> None:
+def test_a_random_design_is_drawn_in_a_few_classes() -> None:
     rng = np.random.default_rng(5)
-    n = 120
-    arc, speed = rng.uniform(35.0, high, n), np.exp(rng.uniform(np.log(2e-3), np.log(5e-2), n))
-    force, mu = rng.uniform(500.0, 8000.0, n), rng.uniform(0.5, 1.5, n)
-    axes, by_speed, by_arc = over_force(arc, speed, force, mu)
-    points = np.concatenate([x.get_xdata() for x in axes.get_lines()])
-    assert sorted(points) == pytest.approx(sorted(force))  # every run, once
-    assert len(by_speed) == 8
-    assert by_speed[-1].startswith(f"{1e3 * speed.min():.3g} to ")
-    assert by_speed[0].endswith(f" to {1e3 * speed.max():.3g}")
-    assert 1 <= len(by_arc) <= 7
-    runs = [x for x in axes.get_lines() if x.get_xdata().size]
-    assert {x.get_linestyle() for x in runs} == {"None"}  # nothing to join
+    speed = np.exp(rng.uniform(np.log(2.0), np.log(50.0), 120))
+    # each its own, or neighbours that chain
+    for values in (speed, rng.uniform(35.0, 130.0, 120), rng.uniform(35.0, 40.0, 120)):
+        classes = settings_of(values, 8)
+        assert 1 <= len(classes) <= 8
+        assert sorted(np.concatenate(classes)) == list(range(values.size))  # every run, once
+    names = [class_name(speed[rows]) for rows in settings_of(speed, 8)]
+    assert names[0].startswith(f"{speed.min():.3g} to ")
+    assert names[-1].endswith(f" to {speed.max():.3g}")
 
 
 def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:

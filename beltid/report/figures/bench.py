@@ -5,27 +5,17 @@ Also the normal force along the arc (Fig. 11).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from beltid.report import charts
 from beltid.report.cells import axis, scientific
-from beltid.report.charts import (
-    FAINT,
-    INK,
-    LINE_FORCE,
-    MEASURED,
-    MILLI,
-    SIMULATED,
-    NotDrawn,
-    chart,
-    draw,
-    group,
-)
+from beltid.report.charts import LINE_FORCE, MILLI, NotDrawn, chart, draw
 from beltid.report.results import UNKNOWN_TENSION, BeltResults, Sheet, load_name, series_of
 
-BRANCHES: Final = {"loading": ("-", MEASURED), "unloading": ("--", SIMULATED)}
+BRANCHES: Final = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
 NO_CURVES: Final = (
     "the recording was not read when the report was written; beltid report --config CONFIG reads it"
 )
@@ -69,14 +59,14 @@ def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
 
 
 @chart("press-law", "The normal contact law", "stiffness", paper="Fig. 5")
-def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
-    """Draw the pooled law through all branches."""
+def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     row = stiffness.pooled_row
     if curves := results.get("press_curves"):
         _branches(axes, curves, alpha=0.7, lw=1.0)
     fitted, law = curve(stiffness, row), stiffness.law(row)
-    _press(axes, fitted, color=INK, lw=2.0, label="fitted law")
-    _press(axes, fitted, [-1], marker="o", ls="none", color=INK, ms=7, label="largest penetration")
+    _press(axes, fitted, color=charts.INK, lw=2.0, label="fitted law")
+    look: Any = {"ls": "none", "color": charts.INK, "ms": 7, "label": "largest penetration"}
+    _press(axes, fitted, [-1], marker="o", **look)
     unloaded = np.isfinite(stiffness["hysteresis_ratio"][row])
     where = "half-way between loading and unloading" if unloaded else "along the loading"
     return (
@@ -94,18 +84,16 @@ def having(belts: Sequence[BeltResults], *names: str) -> list[tuple[str, Sheet]]
 
 
 @chart("belts-law", "The normal contact law of every belt")
-def laws(axes: Any, belts: Sequence[BeltResults]) -> str:
-    """Draw the normal law of every belt up to its largest penetration."""
+def _laws(axes: Any, belts: Sequence[BeltResults]) -> str:
     for i, (belt, sheet) in enumerate(having(belts, "stiffness")):
-        _press(axes, curve(sheet, sheet.pooled_row), **group(i, label=belt, markevery=20))
+        _press(axes, curve(sheet, sheet.pooled_row), **charts.group(i, label=belt, markevery=20))
     return "Not proportional to the number of ribs: each belt has to be identified by itself."
 
 
 @chart(
     "press-temperature", "The press at each temperature", "stiffness", paper="Fig. 4", whole=True
 )
-def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
-    """Draw both branches at each temperature with the fitted law."""
+def _by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     curves, at = results.get("press_curves"), stiffness["temperature_degC"]
     if curves is None:
         raise NotDrawn(NO_CURVES)
@@ -121,7 +109,7 @@ def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
             away = np.abs(curves["temperature_degC"][:, None] - at[rows])
             here = np.abs(curves["temperature_degC"] - at[row]) <= away.min(axis=1)
         _branches(axes, curves, here)
-        _press(axes, curve(stiffness, row), ls=":", color=INK, lw=1.8, label="law")
+        _press(axes, curve(stiffness, row), ls=":", color=charts.INK, lw=1.8, label="law")
         axes.set_title(f"{at[row]:g} °C" if rows.size else "all tests")
         axes.label_outer()
         axes.set_ylabel("")
@@ -135,18 +123,24 @@ def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     return "No test was unloaded: the energy lost in a cycle is unknown."
 
 
+def by_setting(sheet: Sheet, of: Any = slice(None)) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and rows of every driver speed and belt tension, of some rows of a drive."""
+    rows = np.arange(len(sheet["torque_N_m"]))[of]
+    series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
+    for speed, tension in sorted(series):
+        known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.4g} N"
+        yield f"driver {speed:.4g} rad/s, T₀ {known}", rows[series[speed, tension]]
+
+
 @chart("slip", "Sliding speed in service", "slip", paper="Fig. 9")
-def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
-    """Draw the largest sliding speed over torque for each setting of the drive."""
-    series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
-    for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=lambda item: item[0])):
-        known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"
-        look = group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
+def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
+    for i, (name, rows) in enumerate(by_setting(slip)):
+        look = charts.group(i, capsize=2, label=name)
         draw(axes, slip, "torque_N_m", "slip_speed_m_s", rows, err="slip_speed_se_m_s", **look)
     speeds = MILLI * slip.pulley_radius_m * np.array(slip.rig.get("pulley_speeds_rad_s") or ())
     for k, v in enumerate(speeds[(speeds > 0.0) & (speeds <= 2.0 * axes.get_ylim()[1])]):
         label = None if k else "speeds of the friction rig"
-        axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
+        axes.axhline(v, color=charts.FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
     axes.set_xlabel("torque of the driven pulley [N m]")
     return (
         "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
@@ -155,8 +149,7 @@ def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
 
 
 @chart("run", "Tensions and friction over time", "friction", paper="Fig. 10", whole=True)
-def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
-    """Draw tensions (above) and mu (below) of the typical run of the largest arc."""
+def _typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
     curves = results.get("rig_curves")
     if curves is None:
         raise NotDrawn(NO_CURVES)
@@ -169,10 +162,10 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
     fig.set_figheight(5.6)
     above, below = fig.subplots(2, 1, sharex=True)
     rows = curves["run"].astype(str) == str(run["run"])
-    for name, colour, dash in (("tight", MEASURED, "-"), ("slack", SIMULATED, "--")):
+    for name, colour, dash in (("tight", charts.MEASURED, "-"), ("slack", charts.SIMULATED, "--")):
         look: Any = {"ls": dash, "color": colour, "lw": 1.1, "label": f"{name} span"}
         draw(above, curves, "time_s", f"tension_{name}_N", rows, **look)
-    draw(below, curves, "time_s", "mu", rows, color=INK, lw=1.1, label="µ, Eq. (6)")
+    draw(below, curves, "time_s", "mu", rows, color=charts.INK, lw=1.1, label="µ, Eq. (6)")
     above.set_xlabel("")
     start, peak, plateau, end = (float(run[name]) for name in TIMES)
     # without a peak the build-up lasts until the plateau
@@ -185,10 +178,10 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
             below.axvspan(begin, until, lw=0.6, label=name, **look)
     sliding, se = float(run["mu_sliding"]), float(run["mu_sliding_se"])
     label = f"sliding {sliding:.4f}" + (f" ± {se:.2g}" if np.isfinite(se) else "")
-    below.axhline(sliding, color=MEASURED, ls="--", lw=1.2, label=label)
+    below.axhline(sliding, color=charts.MEASURED, ls="--", lw=1.2, label=label)
     if np.isfinite(run["mu_sticking"]) and np.isfinite(peak):
         label = f"peak before sliding {run['mu_sticking']:.4f}"
-        below.plot(peak, run["mu_sticking"], "v", color=SIMULATED, ms=7, label=label)
+        below.plot(peak, run["mu_sticking"], "v", color=charts.SIMULATED, ms=7, label=label)
     mu = curves["mu"][rows]
     if np.isfinite(mu).any():  # spikes must not flatten the curve
         low, high = np.nanpercentile(mu, [0.5, 99.5])
@@ -203,8 +196,7 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
 
 
 @chart("arc", "Normal force along the arc", "friction", paper="Fig. 11", whole=True)
-def along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
-    """Draw simulated normal force and Eq. (8) for a typical run of each arc."""
+def _along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
     profiles = results.profiles
     if not profiles:
         raise NotDrawn("it needs stiffness.parquet, a surface and a simulated recording")
@@ -215,9 +207,9 @@ def along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
             run.profile[name]
             for name in ("arc_position_m", "normal_force_N_m", "capstan_force_N_m")
         )
-        axes.plot(MILLI * x, force, "-", color=SIMULATED, label="simulated contact")
-        axes.plot(MILLI * x, by_capstan, "--", color=MEASURED, label="Eq. (8)")
-        axes.axhline(run.mean_force_N_m, color=FAINT, ls=":", label="mean of Eq. (8)")
+        axes.plot(MILLI * x, force, "-", color=charts.SIMULATED, label="simulated contact")
+        axes.plot(MILLI * x, by_capstan, "--", color=charts.MEASURED, label="Eq. (8)")
+        axes.axhline(run.mean_force_N_m, color=charts.FAINT, ls=":", label="mean of Eq. (8)")
         speed = f"v = {MILLI * run.slip_speed_m_s:.3g} mm/s"
         title = f"arc {run.arc_deg:g}°, T₀ = {run.initial_tension_N:.4g} N, {speed}"
         axes.set_title(title, loc="left")

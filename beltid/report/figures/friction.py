@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any, Final
 
 import numpy as np
@@ -10,23 +11,7 @@ import numpy as np
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.report import charts
 from beltid.report.cells import between
-from beltid.report.charts import (
-    FAINT,
-    INK,
-    LINE_FORCE,
-    LINES,
-    MARKERS,
-    MILLI,
-    MU,
-    ORDERED,
-    SPEED,
-    NotDrawn,
-    chart,
-    draw,
-    group,
-    logarithmic,
-    shades,
-)
+from beltid.report.charts import LINE_FORCE, MILLI, MU, SPEED, NotDrawn, chart, draw
 from beltid.report.figures.bench import POINTS, having
 from beltid.report.results import (
     SIMULATED,
@@ -41,47 +26,52 @@ from beltid.report.results import (
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
 LEVELS: Final = 12
-LEVEL_SLOPE: Final = 1e-3
-"""Relative slope of mu per unit of ln v below which mu counts as constant."""
+LEVEL_SLOPE: Final = 1e-3  # relative slope of mu per unit of ln v below which mu counts as constant
 
 
-def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> None:
+def over_force(
+    axes: Any, data: Mapping[str, Any], mu: str, err: str = "", band: str = "", **look: Any
+) -> None:
     """Draw coefficients over the normal force; shade by speed, marker and line by arc.
 
     Runs of one arc and speed are joined if arcs and speeds repeat. `data` has the columns `mu`,
-    `err`, normal_force_N_m, slip_speed_m_s and, of runs, arc_deg.
+    `err` or `band`, normal_force_N_m, slip_speed_m_s (else pulley_speed_rad_s) and, of runs,
+    arc_deg.
     """
-    speed = MILLI * np.abs(data["slip_speed_m_s"])
+    title, speed = "v [mm/s]", MILLI * np.abs(data["slip_speed_m_s"])
+    if not np.isfinite(speed).any():
+        title, speed = "ω [rad/s]", np.abs(data["pulley_speed_rad_s"])
     arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
-    by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(MARKERS))
+    by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(charts.MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
-    lines = LINES if joined else ("none",)
-    looks: list[Any] = [
-        {"marker": MARKERS[i], "ls": lines[i % len(lines)], "lw": 0.9} for i in range(len(by_arc))
-    ]
+    lines = charts.LINES if joined else ("none",)
+    pairs = zip(charts.MARKERS, cycle(lines), strict=False)
+    looks: list[Any] = [{"marker": marker, "ls": line, "lw": 0.9, **look} for marker, line in pairs]
+    errors: Any = {"err": err, "band": band if joined else ""}
     named = []
-    for colour, at_speed in zip(shades(len(by_speed)), by_speed, strict=True):
-        for look, at_arc in zip(looks, by_arc, strict=True):
+    for colour, at_speed in zip(charts.shades(len(by_speed)), by_speed, strict=True):
+        for own, at_arc in zip(looks, by_arc, strict=False):
             rows = np.intersect1d(at_speed, at_arc)
             if rows.size:
-                draw(axes, data, "normal_force_N_m", mu, rows, err=err, color=colour, **look)
+                draw(axes, data, "normal_force_N_m", mu, rows, color=colour, **errors, **own)
         named.append((axes.plot([], [], color=colour, lw=4)[0], class_name(speed[at_speed])))
-    axes.figure.legend(*zip(*named[::-1], strict=True), title="v [mm/s]", loc="outside right upper")
-    for look, rows in zip(looks if arc.any() else (), by_arc, strict=False):
-        axes.plot([], [], color=FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
+    if named and not axes.figure.legends:
+        speeds, names = zip(*named[::-1], strict=True)
+        axes.figure.legend(speeds, names, title=title, loc="outside right upper")
+    for own, rows in zip(looks if arc.any() else (), by_arc, strict=False):
+        axes.plot([], [], color=charts.FAINT, label=f"arc {class_name(arc[rows], '°')}", **own)
 
 
 @chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
-def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
-    """Draw the measured coefficients of all runs that can be used."""
+def _measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
     good = friction["status"] == "ok"
     if not good.any():
         raise NotDrawn("no run could be used")
     combined = np.isfinite(friction["mu_sliding_u"]).any()
     error = "mu_sliding_u" if combined else "mu_sliding_se"
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", error)
-    over_force(axes, {name: friction[name][good] for name in names}, "mu_sliding", error)
+    data = {name: values[good] for name, values in friction.columns.items()}
+    over_force(axes, data, "mu_sliding", error)
     errors = "combined standard uncertainties" if combined else "standard errors"
     return (
         f"A point per run, with two {errors}, at the mean normal force of Eq. (8). Shade: sliding "
@@ -92,8 +82,7 @@ def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
 @chart(
     "simulated:{name}", "Simulated friction of every run, {of} surface", *SIMULATED, paper="Fig. 16"
 )
-def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the simulated coefficients of all runs."""
+def _simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     rows = [row for row in sheet.rows("simulated_runs") if row["status"] == "ok"]
     if not rows:
         raise NotDrawn("no simulated run could be used")
@@ -106,8 +95,7 @@ def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 
 
 @chart("cuts", "The friction surface along the force", *SURFACES, once=True)
-def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the nodes of the surface over the force, a line per speed."""
+def _slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     surface = sheet.surface
     f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
     columns = {"normal_force_N_m": f, "slip_speed_m_s": v, "mu": surface.mu_nodes}
@@ -135,8 +123,7 @@ def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
 
 
 @chart("map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)")
-def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw contours of the surface over force and speed, with the measured points."""
+def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     from matplotlib.ticker import MaxNLocator
 
     surface = sheet.surface
@@ -145,7 +132,7 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if high - low < 1e-6 * high:
         low, high = 0.99 * low, 1.01 * high
     levels = MaxNLocator(LEVELS).tick_values(low, high)
-    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
+    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=charts.ORDERED)
     lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
     axes.clabel(lines, fontsize=10, fmt="%g")
     said = "µ does not fall with the speed anywhere."
@@ -160,14 +147,14 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         )
     box_f = surface.normal_force_N_m[[0, -1, -1, 0, 0]]
     box_v = surface.slip_speed_m_s[[0, 0, -1, -1, 0]] * MILLI
-    axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+    axes.plot(box_f, box_v, "-", color=charts.INK, lw=1.6, label="range of validity")
     if friction := results.get("friction"):
         good = friction["status"] == "ok"
         runs = friction["normal_force_N_m"][good], MILLI * np.abs(friction["slip_speed_m_s"][good])
         look = {"mfc": "none", "mec": charts.SIMULATED, "ms": 4, "mew": 1.1}
         axes.plot(*runs, "o", label="measured runs (mean of Eq. 8)", **look)
     axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
-    logarithmic(axes, "y")
+    charts.logarithmic(axes, "y")
     axes.use_sticky_edges = False  # leave a margin around the box and points on it
     axes.margins(0.04)
     axes.grid(False)
@@ -189,14 +176,13 @@ def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> 
 @chart(
     "surface-space", "The surface in space", *SURFACES, paper="Fig. 13 (a)", whole=True, once=True
 )
-def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the surface in 3-D."""
+def _in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     f, v, mu = grid_of(sheet.surface, 25, 21)
     fig.set_layout_engine("none")
     axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
     x, y = np.meshgrid(f, v * MILLI, indexing="ij")
     look = {"lw": 0.25, "edgecolor": "#00000055", "rcount": 25, "ccount": 21}
-    axes.plot_surface(x, y, mu, cmap=ORDERED, **look)
+    axes.plot_surface(x, y, mu, cmap=charts.ORDERED, **look)
     axes.set_xlabel(LINE_FORCE, labelpad=9)
     axes.set_ylabel(SPEED, labelpad=9)
     axes.locator_params(axis="x", nbins=4)
@@ -208,8 +194,7 @@ def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
 
 
 @chart("belts-force", "Friction of every belt over normal force")
-def belts_over_force(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
-    """Draw the best surface of every belt over the force, at a common speed."""
+def _belts_over_force(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
     surfaces = having(belts, *SURFACES)
     speed = _common([s.surface.slip_speed_m_s for _, s in surfaces])
     label = f"v = {MILLI * speed:.3g} mm/s"
@@ -218,8 +203,7 @@ def belts_over_force(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]
 
 
 @chart("belts-speed", "Friction of every belt over sliding speed")
-def belts_over_speed(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
-    """Draw the best surface of every belt over the speed, at a common force."""
+def _belts_over_speed(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
     surfaces = having(belts, *SURFACES)
     force = _common([s.surface.normal_force_N_m for _, s in surfaces])
     label = f"{force:.4g} N/m"
@@ -237,7 +221,7 @@ def _cut(
         x = np.geomspace(x[0], x[-1], POINTS) if x[0] > 0.0 else x
         at = {along: x, across: np.full(x.size, value)}
         at |= {"mu": sheet.surface.mu(**at), "mu_se": sheet.surface.mu_se_at(**at)}
-        look = group(i, label=belt, markevery=max(1, x.size // 8))
+        look = charts.group(i, label=belt, markevery=max(1, x.size // 8))
         draw(axes, at, along, "mu", band="mu_se", **look)
         if not nodes[0] <= value <= nodes[-1]:
             beyond.append(belt)

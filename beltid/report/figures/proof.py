@@ -9,21 +9,10 @@ import numpy as np
 
 from beltid.errors import counted, percent
 from beltid.identify.estimators import snap_to_settings
+from beltid.report import charts
 from beltid.report.cells import sentence
-from beltid.report.charts import (
-    FAINT,
-    GROUPS,
-    INK,
-    MARKERS,
-    MEASURED,
-    MILLI,
-    SIMULATED,
-    NotDrawn,
-    chart,
-    draw,
-    shades,
-)
-from beltid.report.figures.friction import MOST_SPEEDS
+from beltid.report.charts import NotDrawn, chart, draw
+from beltid.report.figures.friction import over_force
 from beltid.report.results import (
     COMPARED,
     HELD_OUT,
@@ -32,39 +21,28 @@ from beltid.report.results import (
     BeltResults,
     Sheet,
     class_name,
-    is_setting,
     settings_of,
 )
 
 
 @chart("averaged:{name}", "Measured against simulated", HELD_OUT, *COMPARED, paper="Fig. 17")
-def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
-    """Draw the means over the arcs, measured with their standard error and simulated."""
+def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     rows = sheet.rows("averaged")
     if not rows:
         raise NotDrawn(f"{sheet.name}.parquet has no means over the arcs")
     data = {k: np.array([row[k] for row in rows]) for k in rows[0] if k != "condition"}
     data["se"] = _scatter(sheet, data["nominal_tension_N"], data["pulley_speed_rad_s"])
-    omega = np.abs(data["pulley_speed_rad_s"])  # both senses of rotation
-    friction, surface = results.get("friction"), None
-    radius = friction.pulley_radius_m if friction else np.nan
+    speed = np.abs(data["pulley_speed_rad_s"]) * sheet.pulley_radius_m  # in either sense
+    data["slip_speed_m_s"], surface = speed, None
     if sheet.name in COMPARED:
         surface = results.get(SURFACES[COMPARED.index(sheet.name)])
     if surface is not None:
-        data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], radius * omega)
-    by_speed = settings_of(omega, MOST_SPEEDS)
-    for colour, at in zip(shades(len(by_speed)), by_speed, strict=True):
-        named = is_setting(omega[at])
-        label = f"ω = {class_name(omega[at])} rad/s"
-        if radius > 0.0:
-            label = f"v = {class_name(MILLI * radius * omega[at])} mm/s"
-        look: Any = {"color": colour, "marker": "s", "ls": "none", "ms": 4, "capsize": 2}
-        draw(axes, data, "normal_force_N_m", "mu_measured", at, err="se", label=label, **look)
-        look = {"color": colour, "marker": "o", "ls": "-" if named else "none", "mfc": "none"}
-        band = "band" if named and "band" in data else ""
-        draw(axes, data, "normal_force_N_m", "mu_simulated", at, band=band, ms=8, **look)
-    axes.plot([], [], "s", color=FAINT, label="measured")
-    axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
+        data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], speed)
+    band = "" if surface is None else "band"
+    over_force(axes, data, "mu_measured", "se", marker="s", ls="none", ms=4, capsize=2)
+    over_force(axes, data, "mu_simulated", band=band, marker="o", mfc="none", ms=8, lw=1.4)
+    axes.plot([], [], "s", color=charts.FAINT, label="measured")
+    axes.plot([], [], "-o", color=charts.FAINT, mfc="none", ms=8, label="simulated")
     said = "Means over the arcs. Squares: measured, with two standard errors; circles: simulated"
     if surface is not None:
         said += f"; band: twice the {surface.uncertainty} of the surface"
@@ -95,8 +73,7 @@ def _shown(sheet: Sheet, results: BeltResults) -> list[Sheet]:
 
 
 @chart("differences", "Simulated less measured, run by run", *COMPARED, HELD_OUT, once=True)
-def differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the relative differences over the normal force."""
+def _differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     for one in _shown(sheet, results):
         _run_by_run(axes, one, 100.0 * one["difference"] / one["mu_measured"])
     axes.set_ylabel("simulated less measured µ [%]")
@@ -109,8 +86,7 @@ def differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 
 
 @chart("validation", "Differences over their uncertainty", *COMPARED, HELD_OUT, once=True)
-def over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the differences over their standard uncertainty."""
+def _over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     sheets = [one for one in _shown(sheet, results) if np.isfinite(one["e_over_u"]).any()]
     if not sheets:
         raise NotDrawn("their uncertainty is unknown")
@@ -123,28 +99,28 @@ def over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
             said.append(f"{sentence(one.label)}: {inside}")
     axes.set_ylabel("difference over its standard uncertainty [-]")
     for bound in (-2.0, 2.0):
-        axes.axhline(bound, color=INK, lw=0.8, ls="--")
+        axes.axhline(bound, color=charts.INK, lw=0.8, ls="--")
     return " ".join(said)
 
 
 def _run_by_run(axes: Any, sheet: Sheet, values: np.ndarray) -> None:
     """Draw a value of every run over its normal force: marker by arc, colour by surface."""
     data = {"normal_force_N_m": sheet["normal_force_N_m"], "mu": values}
-    colour, arc = MEASURED if sheet.name == "compare" else SIMULATED, sheet["arc_deg"]
+    colour, arc = charts.MEASURED if sheet.name == "compare" else charts.SIMULATED, sheet["arc_deg"]
     filled = "none" if sheet.name == "compare" else colour
     look: Any = {"ls": "none", "color": colour, "mfc": filled}
-    for marker, rows in zip(MARKERS, settings_of(arc, len(MARKERS)), strict=False):
+    for marker, rows in zip(charts.MARKERS, settings_of(arc, len(charts.MARKERS)), strict=False):
         name = f"{LABELS.get(sheet.name, 'predicted')}, arc {class_name(arc[rows])}°"
         draw(axes, data, "normal_force_N_m", "mu", rows, marker=marker, label=name, **look)
-    axes.axhline(0.0, color=INK, lw=0.8)
+    axes.axhline(0.0, color=charts.INK, lw=0.8)
 
 
 COMBINED: Final = "combined"
 MOST_SOURCES: Final = 8
 BASES: Final = {
-    "fitted": ("from the data", GROUPS[0], ""),
-    "stated": ("stated in the config", GROUPS[2], "..."),
-    "assumed": ("assumed (default)", GROUPS[6], "///"),
+    "fitted": ("from the data", charts.GROUPS[0], ""),
+    "stated": ("stated in the config", charts.GROUPS[2], "..."),
+    "assumed": ("assumed (default)", charts.GROUPS[6], "///"),
 }
 OF: Final = {
     "surface_refined": "of µ on the refined surface",
@@ -155,8 +131,7 @@ OF: Final = {
 
 
 @chart("budget-{name}", "Uncertainty", *OF)
-def budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
-    """Draw the contributions of the sources, the largest first, and the total."""
+def _budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     rows = sheet.rows("budget")
     if not rows:
         raise NotDrawn(f"{sheet.name}.parquet has no budget")
@@ -170,11 +145,11 @@ def budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     worst = ""
     for basis, (words, colour, hatch) in BASES.items():
         at = [i for i, row in enumerate(shown) if row["basis"] == basis and row not in total]
-        look = {"color": colour, "hatch": hatch, "edgecolor": INK, "lw": 0.6}
+        look = {"color": colour, "hatch": hatch, "edgecolor": charts.INK, "lw": 0.6}
         if at:
             axes.barh(at, [size[i] for i in at], 0.7, label=words, **look)
     if total:
-        bar = axes.barh(len(shown) - 1, size[-1], 0.7, color=INK, label=COMBINED)
+        bar = axes.barh(len(shown) - 1, size[-1], 0.7, color=charts.INK, label=COMBINED)
         axes.bar_label(bar, [percent(size[-1])], padding=3)
         if total[0]["largest_percent"]:
             worst = f", {percent(total[0]['largest_percent'])} at worst"
