@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
-from beltid.config.messages import problem
+from beltid.config.loading import problem
 from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

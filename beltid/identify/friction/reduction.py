@@ -164,7 +164,8 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
             return why
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
-                return f"tension_{name}_N = {tension:g}, must be > 0"
+                found = "0 or missing" if np.isnan(tension) else f"{tension:g}"
+                return f"tension_{name}_N = {found}, must be > 0"
     if not 0.0 < run.mu_sliding <= MAX_MU:
         return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {MAX_MU:g}]"
     for name in ("normal_force_N_m", "slip_speed_m_s"):
