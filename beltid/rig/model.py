@@ -57,10 +57,6 @@ class RigModel:
     system: System  # arrays for compiled code
     border: Border  # what is given while the pulley turns
 
-    def path_coordinates(self) -> Array:
-        """Return the nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
-        return self.path.coordinates(self.nodes).ravel()
-
     def with_surface(self, surface: FrictionSurface) -> RigModel:
         """Return the rig with another friction surface."""
         pulley = self.system.pulley._replace(surface=surface.tables())
