@@ -27,11 +27,6 @@ STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force,
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
 
 
-def tightened(T_0: float) -> Border:
-    """Return the border of a belt that is tightened until support A carries ``T_0`` [N]."""
-    return Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.array([T_0]), np.zeros(4))
-
-
 def turning(rig: Rig, point: OperatingPoint) -> Border:
     """Return what is given while the pulley turns, and which way the ends then move."""
     along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)

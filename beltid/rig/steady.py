@@ -18,7 +18,7 @@ from scipy.linalg import LinAlgError, solve_banded
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rig.banded import HALF
-from beltid.rig.model import LARGEST_STRAIN, RigModel, tightened
+from beltid.rig.model import LARGEST_STRAIN, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
 from beltid.rig.state import Motion, Points, State
 
@@ -68,7 +68,11 @@ def lay_on(model: RigModel) -> StaticState:
     tensions; a NumericsError that it is meaningless.
     """
     T_0 = model.point.T_0
-    stages = [[(0.0, tightened(k * T_0)) for k in factors] for factors in DETOURS]
+    by_stretch = Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(4))
+    stages = [
+        [(0.0, by_stretch._replace(given=np.array([k * T_0]))) for k in factors]
+        for factors in DETOURS
+    ]
     stretch = 1.0 / (1.0 + T_0 / model.system.section.EA)
     on_path = model.path.coordinates(model.nodes).ravel()
     return _approach(model, on_path, stretch, stages, "laying the belt on")
