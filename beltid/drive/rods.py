@@ -134,19 +134,16 @@ class RodLevel:
     def _corrected(self, state: LoopState, rest: RestState, level: Level, rods: Rods) -> Level:
         """Return the level with the differences of the rods to the strings on the arcs at rest."""
         wraps, v0, P_in, P_out = rest.laid.wraps, state.v0, state.P_in, state.P.copy()
-        room, length = np.zeros(len(rods)), 0.0
-        for i, rod in enumerate(rods):
-            if rod is None:
-                continue
+        room, torque, speed = np.zeros(len(rods)), np.zeros(len(rods)), np.ones(len(rods))
+        length = 0.0
+        there = [(i, rod) for i, rod in enumerate(rods) if rod is not None]
+        for i, rod in there:
             P_in[i], P_out[i] = rod.T_in, rod.T_out
             x = min(self._whole_slip(i, rod), self.fastest) * math.isfinite(self.fastest)
             held, _ = sliding_arc(rod.T_in, rod.T_out, v0, x, self.strings.sections[i])
             room[i] = max(held + adhesion_arc(rod), self._bent_arc(i, rest, rod)) - wraps[i]
         strings = replace(self.strings, room=room).arcs(P_in, P_out, v0, wraps)
-        torque, speed = np.zeros(len(rods)), np.ones(len(rods))
-        for i, rod in enumerate(rods):
-            if rod is None:
-                continue
+        for i, rod in there:
             torque[i] = rod.torque - strings.torque[i]
             speed[i] = rod.W / strings.W[i]
             span, P = self._pulley(i, rest).span, np.array([rod.T_in, rod.T_out])

@@ -7,7 +7,7 @@ the factorisation costs O(n) for n coordinates. Row i of the storage holds the c
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numba
 import numpy as np
@@ -18,8 +18,13 @@ Array = NDArray[np.float64]
 HALF = 7  # two nodes of four coordinates: |i - j| <= 7
 WIDTH = 3 * HALF + 1
 
-kernel: Final[Any] = numba.njit(cache=True, nogil=True, error_model="numpy")
-"""Compile a function; the cache of a kernel does not see an edit of what it calls elsewhere."""
+
+def kernel(function: Any) -> Any:
+    """Compile a function; its cache on disk does not see an edit of what it calls elsewhere."""
+    try:
+        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:  # no folder for the cache can be written
+        return numba.njit(nogil=True, error_model="numpy")(function)
 
 
 @kernel

@@ -27,11 +27,6 @@ STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force,
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
 
 
-def tightened(T_0: float) -> Border:
-    """Return the border of a belt that is tightened until support A carries ``T_0`` [N]."""
-    return Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.array([T_0]), np.zeros(4))
-
-
 def turning(rig: Rig, point: OperatingPoint) -> Border:
     """Return what is given while the pulley turns, and which way the ends then move."""
     along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
@@ -56,10 +51,6 @@ class RigModel:
     nodes: Array  # path coordinates of the nodes (n_e + 1,) [m]
     system: System  # arrays for compiled code
     border: Border  # what is given while the pulley turns
-
-    def path_coordinates(self) -> Array:
-        """Return the nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
-        return self.path.coordinates(self.nodes).ravel()
 
     def with_surface(self, surface: FrictionSurface) -> RigModel:
         """Return the rig with another friction surface."""

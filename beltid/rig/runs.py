@@ -49,9 +49,7 @@ class SolverRecord(NamedTuple):
     """Statistics of the solver for one run."""
 
     elements: int
-    newton_iterations: int  # in all
     halvings: int  # of steps
-    residual: float  # largest residual force of all steps over the tension [-]
     clamped_lookups: int  # contact points that slide outside the measured range of the surface
     lookups: int  # contact points that slide
 
@@ -193,9 +191,7 @@ def _simulated(
     inside = bench.surface.covers(touching["f_N"], touching["speed"])
     record = SolverRecord(
         elements=last.points.shape[0],
-        newton_iterations=last.iterations + (0 if steps.size else laid.iterations),
         halvings=int(steps["halvings"].sum()),
-        residual=max(last.residual, 0.0 if steps.size else laid.residual),
         clamped_lookups=int(np.count_nonzero(~inside)),
         lookups=touching.size,
     )

@@ -18,7 +18,7 @@ from scipy.linalg import LinAlgError, solve_banded
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rig.banded import HALF
-from beltid.rig.model import LARGEST_STRAIN, RigModel, tightened
+from beltid.rig.model import LARGEST_STRAIN, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
 from beltid.rig.state import Motion, Points, State
 
@@ -39,13 +39,11 @@ class StaticState:
     force: Array  # of the supports A (tight side) and B on the belt, x and y each [N], (4,)
     points: Points
     strains: Array  # axial strain and curvature at the Gauss points (n_e, n_g, 2)
-    iterations: int
-    residual: float  # largest residual force over T_A [-]
 
     @classmethod
-    def of(cls, s: State, iterations: int, residual: float) -> StaticState:
+    def of(cls, s: State) -> StaticState:
         """Return what a solution has left in its arrays."""
-        return cls(s.q, float(s.u[0]), s.force, s.now, s.strains, iterations, residual)
+        return cls(s.q, float(s.u[0]), s.force, s.now, s.strains)
 
     @property
     def T_A(self) -> float:
@@ -70,9 +68,14 @@ def lay_on(model: RigModel) -> StaticState:
     tensions; a NumericsError that it is meaningless.
     """
     T_0 = model.point.T_0
-    stages = [[(0.0, tightened(k * T_0)) for k in factors] for factors in DETOURS]
+    by_stretch = Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(4))
+    stages = [
+        [(0.0, by_stretch._replace(given=np.array([k * T_0]))) for k in factors]
+        for factors in DETOURS
+    ]
     stretch = 1.0 / (1.0 + T_0 / model.system.section.EA)
-    return _approach(model, model.path_coordinates(), stretch, stages, "laying the belt on")
+    on_path = model.path.coordinates(model.nodes).ravel()
+    return _approach(model, on_path, stretch, stages, "laying the belt on")
 
 
 def slide(model: RigModel, laid: StaticState) -> StaticState:
@@ -100,7 +103,7 @@ def _approach(
                 break
             s.q_old[:] = s.q
         else:
-            state = StaticState.of(s, spent, residual)
+            state = StaticState.of(s)
             _check_plausible(model, state)
             return state
     raise ConvergenceError(

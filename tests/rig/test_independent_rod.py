@@ -56,11 +56,4 @@ def test_random_rigs(number: int) -> None:
     )
     run = simulate(bench, point, STEADY)
     exact = rod.solve(point.T_0)
-    print(
-        number,
-        run.tension_tight_N / exact[0] - 1,
-        run.tension_slack_N / exact[1] - 1,
-        run.record.elements,
-        run.record.newton_iterations,
-    )
     assert (run.tension_tight_N, run.tension_slack_N) == pytest.approx(exact, rel=5e-4)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numba
 import numpy as np
 import pytest
 import twin
 from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
-from beltid.rig.banded import HALF, WIDTH, factorize, solve
+from beltid.rig.banded import HALF, WIDTH, factorize, kernel, solve
 from beltid.rig.model import RigModel
 from beltid.rig.newton import assemble
 from beltid.rig.state import Motion, State
@@ -130,3 +133,12 @@ def test_a_banded_system_is_solved_with_exchanges(seed: int) -> None:
 
 def test_a_singular_matrix_is_not_factorized() -> None:
     assert not factorize(np.zeros((9, WIDTH)), np.zeros(9, dtype=np.int64))
+
+
+def test_a_kernel_without_a_place_for_its_cache_is_compiled_all_the_same() -> None:
+    """As in a container with files that cannot be written and without a home."""
+    source: dict[str, Any] = {}
+    exec(compile("def twice(x):\n    return 2 * x\n", "/nowhere/kernels.py", "exec"), source)
+    with pytest.raises(RuntimeError, match="no locator"):
+        numba.njit(cache=True)(source["twice"])
+    assert kernel(source["twice"])(2.0) == 4.0
