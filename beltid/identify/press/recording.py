@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
@@ -22,6 +21,7 @@ from beltid.identify.estimators import (
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
+    running_median,
     spike_mask,
 )
 
@@ -429,8 +429,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
 
 def _steady_max(x: Array) -> float:
     """Return the largest value of a short running median, so that noise does not count."""
-    # mirror without repeating the last sample, which may be the reversal because of noise
-    return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
+    return float(np.max(running_median(x, 5)))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:
