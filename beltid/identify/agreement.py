@@ -4,10 +4,9 @@ Both sides come from the same reduction. Runs are matched by their settings, com
 averaged over arcs, and grouped by normal force, because the paper finds its differences at low and
 high force.
 
-A fitted surface agrees with the runs it was fitted to; only runs that it has not seen test it
-(:func:`folds`). All runs of one contact arc, or of one speed, are left out together, because
-leaving out one of several repetitions would be no test. Beyond the lowest and highest speed the law
-uses the nearest measured value without any claim, so only the speeds in between are left out.
+Only runs that a fitted surface has not seen test it (:func:`folds`): all runs of one contact arc,
+or of one speed, are left out together. Beyond the lowest and highest speed the law uses the nearest
+measured value without any claim, so only the speeds in between are left out.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Choose runs for a target, judge whether to stop, and put the runs in order.
 
-Runs of one arc follow each other: few arc changes. Within an arc the runs of a repeated setting are
-spread evenly from the first to the last position, so that they show a drift. The others fill the
-gaps: up through every other setting and down through the remaining ones, so that a drift over time
-does not look like a trend over the tension.
+Runs of one arc follow each other. Within an arc the runs of a repeated setting are spread evenly,
+so that they show a drift; the others fill the gaps, up through every other setting and down through
+the remaining ones, so that a drift over time does not look like a trend over the tension.
 """
 
 from __future__ import annotations

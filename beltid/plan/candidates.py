@@ -36,6 +36,7 @@ from beltid.uncertainty.rig_runs import (
     MESH,
     Campaign,
     RigRuns,
+    as_measured,
     input_slopes,
     mesh_of,
     residual_changes,
@@ -197,19 +198,8 @@ def simulate_candidates(
     log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()
     rig = RigRuns(bench, points, speeds, mesh)
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
-    simulated = Measured(
-        R=R,
-        arc=numbered_arcs(np.degrees(rig.beta), known_arcs_deg)[0],
-        beta=rig.beta,
-        T_0=T_0,
-        omega=np.array([point.omega for point in points]),
-        tight=done.tight,
-        slack=done.slack,
-        mu=np.log(done.tight / done.slack) / rig.beta,
-        mu_se=np.zeros(rig.beta.size),
-        kind=kind,
-        given_force=bench.rig.given_force,
-    )
+    arc = numbered_arcs(np.degrees(rig.beta), known_arcs_deg)[0]
+    simulated = as_measured(bench, points, (done.tight, done.slack), arc, kind)
     campaign = Campaign(simulated, bench, press)
     slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
     return Candidates(campaign, curves, done.J, done.speed_slope, slopes)

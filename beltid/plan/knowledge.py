@@ -1,25 +1,19 @@
 """Choose runs that minimize the mean variance of ln mu over a target.
 
-The variance is that which the refined surface will report. Run i of the rig is one observation of
-the linear model
+Run i of the rig is one observation of the linear model
 
     y_i = j_i p + s_i e + noise_i,    noise_i ~ N(0, v_i),    e ~ N(0, 1),                   (P1)
 
 with the parameters p of the surface (ln mu at its knots) and the errors e that runs share, in units
-of their standard uncertainties. The surface fit weighs the runs by their noise and by the roughness
-of the surface; it cannot distinguish shared errors from friction. So two factors describe the
-present knowledge: the covariance Sigma of p by scatter, and the change C of p by each shared error.
-New runs (rows J, S, noise V) update both,
+of their standard uncertainties, which the surface fit cannot distinguish from friction. So two
+factors describe the present knowledge: the covariance Sigma of p by scatter, and the change C of p
+by each shared error. New runs (rows J, S, noise V) update both, in any order,
 
     G = Sigma J' (V + J Sigma J')^-1,  Sigma -> Sigma - G J Sigma,  C -> C + G (S - J C),    (P2)
 
-in any order of the runs. The objective is the mean variance over the target with weights W:
+and the objective is the mean variance over the target with weights W, that of the refined surface:
 
     u² = tr W (Sigma + C C').                                                                (P3)
-
-It includes shared errors: a run that is more sensitive to one than the others can make the surface
-worse. So the shortest arc, with the smallest noise in tension but the largest error of the arc, is
-not always chosen.
 
 Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface
 (:mod:`beltid.refine.posterior`) at its usual sizes; the levels and the slope that roughness leaves
@@ -28,12 +22,10 @@ free have a broad prior,
     Sigma = s_c² B_c B_c' + s_d² B_d B_d' + K 1 1' + 0.15² x x',                             (P5)
 
 where K, the covariance of the levels of the speeds, has a level common to all, a slope over ln v,
-and a bend over ln v (an integrated Wiener process), and x = ln f_N less its mean.
-
-If a surface was measured, additional knots follow from its nodes by the same prior: given the nodes
-they are Gaussian with the mean Sigma_no Sigma_oo^-1 p_o and the covariance that this leaves. A
-surface stores its sources of error as stated when it was fitted. New runs are subject to these and
-to sources that the surface does not have: another arc setting, an error that was not stated then.
+and a bend over ln v (an integrated Wiener process), and x = ln f_N less its mean. Additional knots
+of a measured surface follow from its nodes by the same prior: Gaussian with the mean
+Sigma_no Sigma_oo^-1 p_o and the covariance that this leaves. New runs are subject to the sources of
+error that the surface stores, as stated then, and to those that it does not have.
 """
 
 from __future__ import annotations

@@ -25,14 +25,12 @@ a factor on the whole surface:
       u P_1(x)/2    and    sum_k u_k P_k(x)/k²,    k = 2, 3, 4.
 
   Their means over the campaign are zero, so the surface is that of mid-campaign.
-- *Temperature*: theta (T - T_ref)/10 K. T_ref is the mean of the runs, or the temperature to which
-  is corrected: a user who asks for that states that temperature is the cause of what may as well be
-  the order, whose prior is then small.
+- *Temperature*: theta (T - T_ref)/10 K, T_ref the mean of the runs or, where the user states that
+  temperature is the cause (the prior of the order is then small), that to which is corrected.
 
-Two or three arcs determine the size of their differences poorly. It is the half-width of the
+Two or three arcs determine the size of their differences poorly: it is the half-width of the
 interval that holds a difference with a probability of 68 %, over all sizes that the arcs leave
-possible: for arcs that differ by 0.02 to 3 %, intervals of 95 % then hold at least 71, 81 and 86 %
-with two, three and four arcs (with the most probable size 65, 77 and 83 %).
+possible (intervals of 95 % then hold at least 71, 81 and 86 % with two, three and four arcs).
 
 Errors that the runs share are no part of the estimate, or every trace of a model error would be
 taken for an error of the bench (three virtual belts: 0.23, 0.41 and 0.24 % of error in place of

@@ -1,20 +1,15 @@
 """Reduced runs of a friction rig and the contact law of a press, and their correction for errors.
 
 With relative errors e_F of the force gain, e_x of the travel gain, e_L of the segment length and
-e_k of the law in service (rubber that the press never unloaded, another rate, another specimen),
-the coefficients of the contact law, Eq. (3), are
+e_k of the law in service, the coefficients of the contact law, Eq. (3), are
 
     k_linear -> k_linear (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)),
     k_quadratic -> k_quadratic (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)²).
 
-An error c of the machine compliance moves a point of force f per length by c L f along the travel.
-The law is fitted with a free contact point, so the change of its coefficients is the projection of
-f'(delta) c L f on (delta, delta², f'(delta)) over the range of the fit.
-
-The procedure of the published surface is a chain of formulas and splines without iteration, so it
-is repeated with each error corrected. Its nodes lie where the runs are and move with them; a change
-is taken at the moved node and shifted back to the force and speed of the nominal node along the
-slope of the surface.
+An error c of the machine compliance moves a point of force f per length by c L f along the travel;
+the change of the coefficients is the projection of f'(delta) c L f on (delta, delta², f'(delta)),
+as the contact point is free. The procedure of the published surface is repeated with each error
+corrected; a change is taken at the moved node and shifted back along the slope of the surface.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.identify.friction.run import RigKind
 from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -155,6 +156,22 @@ class RigRuns:
             run = model.with_surface(surfaces[j])
             states.append((run, slide(run, laid), surfaces[j]))
         return states
+
+
+def as_measured(
+    bench: Bench,
+    points: Sequence[OperatingPoint],
+    tensions: tuple[Array, Array],
+    arc: NDArray[np.intp],
+    kind: RigKind,
+) -> Measured:
+    """Return simulated runs as if their tight and slack tensions had been measured exactly."""
+    beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
+    mu, given = friction_coefficient(*tensions, beta), bench.rig.given_force
+    exact = np.zeros(mu.size)
+    return Measured(
+        bench.rig.R, arc, beta, T_0, omega, *tensions, mu, exact, kind=kind, given_force=given
+    )
 
 
 def mesh_of(bench: Bench, points: Sequence[OperatingPoint], finer: float) -> list[int]:

@@ -27,11 +27,12 @@ from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
+from beltid.uncertainty.measured import PressLaw, own_errors, shared_columns
 from beltid.uncertainty.rig_runs import (
     INPUTS,
     Campaign,
     RigRuns,
+    as_measured,
     input_slopes,
     mesh_of,
     residual_changes,
@@ -155,20 +156,10 @@ def simulated_uncertainty(
     mu = np.array([run.mu for run in runs])
     finer = RigRuns(bench, points, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
     response = np.array([run.weight.sum() for run in runs])
-    measured = Measured(
-        R=bench.rig.R,
-        kind=kind,
-        given_force=bench.rig.given_force,
-        arc=arc,
-        beta=rig.beta,
-        T_0=np.array([point.T_0 for point in points]),
-        omega=np.array([point.omega for point in points]),
-        tight=np.array([run.tight for run in runs]),
-        slack=np.array([run.slack for run in runs]),
-        mu=mu,
-        mu_se=np.zeros(n),
-        columns={ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]},
-    )
+    tensions = np.array([run.tight for run in runs]), np.array([run.slack for run in runs])
+    measured = as_measured(bench, points, tensions, arc, kind)
+    by_arc = response[:, None] * np.eye(int(arc.max()) + 1)[arc]
+    measured = replace(measured, columns={ARC: by_arc})
     campaign = Campaign(measured, bench, press)
     slopes = np.zeros((n, len(INPUTS)))
     if not same_bench:

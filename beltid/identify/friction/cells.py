@@ -6,11 +6,10 @@ The difference of the cells of run r at rest (tight less slack) is
 
 The zeros differ by zeta in all runs and by w in each, the gains by gamma; d = -1 where the pulley
 turns the other way, so that the cells change places. Friction holds shares of the tension in a belt
-that stands on its pulley: h in all runs towards the span that will pull, g towards one side of the
-bench whichever way the pulley turns, f in each; sliding removes them. So the rest shows zeros
-(newtons, whatever the tension); shares of the tension may be held friction or a gain, and no gain
-is corrected by them, unless the belt was rocked free (`free_at_rest`). A gain shows where runs turn
-in both directions: it changes the sign of its effect on ln(T_tight/T_slack),
+at rest: h in all runs towards the span that will pull, g towards one side of the bench, f in each.
+So the rest shows zeros (newtons, whatever the tension); shares of the tension may be held friction,
+and no gain is corrected by them, unless the belt was rocked free (`free_at_rest`). A gain shows
+where runs turn in both directions: it changes the sign of its effect on ln(T_tight/T_slack),
 
     e_r = d_r [q_r (zeta + w_r) + gamma],   q_r = (1/T_tight + 1/T_slack)/2,                   (S4)
 

@@ -24,7 +24,7 @@ from beltid.identify.estimators import (
     running_median,
     spike_mask,
 )
-from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind, RunRecord, RunRejected
+from beltid.identify.friction.run import PERFECT, SPANS, TWO_CELLS, RigKind, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,12 +82,15 @@ def read_channels(record: RunRecord) -> Channels:
         raise RunRejected(f"time_s stands still at {t[0]:g} s")
     tensions, spikes = np.empty((t.size, 2)), np.zeros((t.size, 2), dtype=bool)
     recorded = [x[timed] for x in (record.tension_tight_N, record.tension_slack_N)]
-    step, rounding_N = resolution(*(x[-2 * BLOCKS :] for x in recorded)), np.zeros(2)
-    for k, (span, values) in enumerate(zip(SPANS, recorded, strict=True)):
+    is_read = record.kind.measures == "two_cells" and not record.kind.running
+    cells = record.kind.cells if is_read else PERFECT
+    last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, recorded, strict=True)]
+    step, rounding_N = resolution(*last), np.zeros(2)
+    for k, (span, values, cell) in enumerate(zip(SPANS, recorded, cells, strict=True)):
         if span != record.kind.weight:
             values, spikes[:, k] = _tension(values, f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
-            rounding_N[k] = rounding_of_mean(noise, step)
+            rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
         tensions[:, k] = values
     lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
     temperature = record.temperature_degC

@@ -65,6 +65,10 @@ class KnownCell:
         reading = np.asarray(reading_N, dtype=float)
         return self.gain * (np.where(reading == 0.0, np.nan, reading) - self.tare_N)
 
+    def reading(self, tension_N: Array) -> Array:
+        """Convert back to the readings of the cell [N], whose steps begin at zero."""
+        return tension_N / self.gain + self.tare_N
+
 
 PERFECT = (KnownCell(), KnownCell())
 
@@ -115,20 +119,23 @@ class RigKind:
         """Span whose tension is measured in addition to a torque; None for other kinds."""
         return self.torque_with if self.measures == "torque" else None
 
-    def found_in(self, columns: Columns) -> RigKind:
-        """Return this kind with what a whole recording holds beside a torque.
-
-        Raises :class:`InputError` if channels are missing.
-        """
+    def lacks(self, columns: Columns) -> list[str]:
+        """Return which channels are missing, in words."""
         needed = {
             "two_cells": ("tension_tight_N", "tension_slack_N"),
             "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
             "torque": ("torque_N_m",),
             "torque_hub": ("torque_N_m", "hub_force_N"),
         }[self.measures] + ("belt_speed_m_s",) * self.running
-        missing = [name for name in needed if not _has_values(columns, name)]
-        if missing:
-            raise InputError([f"column {name} is missing" for name in missing])
+        return [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
+
+    def found_in(self, columns: Columns) -> RigKind:
+        """Return this kind with what a whole recording holds beside a torque.
+
+        Raises :class:`InputError` if channels are missing.
+        """
+        if missing := self.lacks(columns):
+            raise InputError(missing)
         found = self.of_run(columns)
         if self.measures != "torque" or _has_values(columns, f"tension_{found.torque_with}_N"):
             return found
@@ -427,7 +434,7 @@ def _record(
 ) -> RunRecord:
     """Build the record of one run; a nominal setting that changes within it is a defect."""
     kind = kind if kind.weighs else kind.of_run(columns)
-    nominal, defects = dict.fromkeys(NOMINAL, NAN), []
+    nominal, defects = dict.fromkeys(NOMINAL, NAN), kind.lacks(columns)
     for name in NOMINAL:
         values = columns.get(name, np.full(1, NAN))
         nominal[name] = first = float(values[0])

@@ -14,16 +14,15 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
-    SPIKE_WINDOW,
     difference_sigma,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
     running_median,
+    spike_mask,
 )
 
 Array = NDArray[np.float64]
@@ -89,7 +88,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     samples = samples[:, ~missing]
     spikes = np.zeros(samples.shape[1], dtype=bool)
     if spikes.size >= MIN_SAMPLES:
-        spikes = _spikes(samples[0]) | _spikes(samples[1])
+        spikes = spike_mask(samples[0], SPIKE) | spike_mask(samples[1], SPIKE)
         samples = samples[:, ~spikes]
     if samples.shape[1] < MIN_SAMPLES:
         raise InputError(f"{samples.shape[1]} usable samples, must be at least {MIN_SAMPLES}")
@@ -130,13 +129,6 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         notes=tuple(text for applies, text in changes if applies),
         cycles=find_cycles(travel, force),
     )
-
-
-def _spikes(x: Array) -> NDArray[np.bool_]:
-    """Mark spikes that could change the law; a reversal of the crosshead is not a spike."""
-    deviation = x - running_median(x, SPIKE_WINDOW)
-    steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
-    return np.abs(deviation) > max(SPIKE * mad_sigma(deviation), steps, 2e-3 * spread(x))
 
 
 def spread(x: Array) -> float:
@@ -437,8 +429,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
 
 def _steady_max(x: Array) -> float:
     """Return the largest value of a short running median, so that noise does not count."""
-    # mirror without repeating the last sample, which may be the reversal because of noise
-    return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
+    return float(np.max(running_median(x, 5)))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:

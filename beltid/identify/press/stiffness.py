@@ -13,8 +13,8 @@ correlated along the curve. Of known size are the zero c_j of the load cell, and
 reversals of the crosshead may add, where the branches separate gradually. If the belt was never
 unloaded, half the loop is an unknown share of the force.
 
-Hysteresis does not count as an error of the law; see ``hysteresis_ratio`` and ``rms_residual_N_m``.
-What no press recording shows (virgin rubber, slower or faster loading) is for the user to state.
+Hysteresis is no error of the law; see ``hysteresis_ratio`` and ``rms_residual_N_m``. What no press
+recording shows (virgin rubber, another rate of loading) is for the user to state.
 """
 
 from __future__ import annotations

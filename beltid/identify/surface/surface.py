@@ -14,10 +14,9 @@ Standard error: arcs are a sample of contact lengths. With ``n`` measured arcs
     se² = sum(se_arc²) / n² + t² tau² mu² / n
 
 ``tau`` is the relative spread between arcs beyond what the errors of the runs explain, by moments
-over all speeds at the same force (the nearest such force where most arcs have ended). An arc may
-differ by one factor at all speeds, so two or three arcs determine the spread poorly: Student's t at
-a probability of 68 % widens it (1.84 for two arcs, 1.32 for three). The first part acts on nodes of
-a speed through the splines; the second on all nodes, as the same arcs are averaged at each.
+over all speeds at the same force (the nearest such force where most arcs have ended); Student's t
+at a probability of 68 % widens it, since an arc may differ by one factor at all speeds. The first
+part acts on nodes of a speed through the splines; the second on all nodes.
 
 Runs that are no grid may have a different tension and speed each, or lack some combinations. Then
 ln mu is a tensor product of cubic B-splines over (ln f, ln v) whose second differences have an
