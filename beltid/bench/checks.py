@@ -11,7 +11,7 @@ import pandas as pd
 from beltid.bench.runs import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
-from beltid.tables.values import absent, shown_value
+from beltid.tables.values import absent, outside, shown_value
 
 OTHER_RUN: Final = 100.0
 """Least ratio of the largest run to a run in another unit; benches vary their load far less."""
@@ -133,7 +133,7 @@ class Checker:
         """Check the numbers of a column: range, infinite and missing values."""
         values = self.columns[column.name]
         negative = int((values < 0.0).sum())
-        if column.within.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
                 f"cell is reversed, put a minus before its name in the file: columns: "
@@ -141,7 +141,7 @@ class Checker:
             )
             return []
         self._report(
-            np.flatnonzero(np.isinf(values) | column.within.outside(values)),
+            np.flatnonzero(np.isinf(values) | outside(values, column)),
             lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
         )
         missing = np.flatnonzero(np.isnan(values))

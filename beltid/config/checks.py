@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
-from beltid.tables.schemas import Interval
+from beltid.tables.schemas import interval
 from beltid.tables.units import allowed_units, calibration, conversion
 
 FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
@@ -59,17 +59,22 @@ def anything(value: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Number(Interval):
-    """A finite number in an interval, in a unit."""
+class Number:
+    """A finite number between two bounds in `unit`; an open bound is excluded."""
 
+    low: float
+    high: float
     unit: str = ""
+    open_low: bool = False
+    open_high: bool = False
     whole: bool = False
     even: bool = False
 
     @property
     def allowed(self) -> str:
         """Allowed range, e.g. ``in (0, 360) °``."""
-        return f"{'even and ' if self.even else ''}{self.text} {self.unit}".rstrip()
+        text = interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
+        return f"{'even and ' if self.even else ''}{text} {self.unit}".rstrip()
 
     def __call__(self, value: Any) -> float:
         """Return the value as a float, or as an int if it must be whole; 5.0 counts as whole."""
@@ -78,7 +83,9 @@ class Number(Interval):
         if not is_number or (self.whole and value % 1):
             kind = "whole number" if self.whole else "number"
             raise complain(f"a {kind} {self.allowed}{_hint(value)}")
-        if self.outside(value) or not abs(value) <= LARGEST or (self.even and value % 2):
+        above = value > self.low if self.open_low else value >= self.low
+        below = value < self.high if self.open_high else value <= self.high
+        if not (above and below and abs(value) <= LARGEST) or (self.even and value % 2):
             raise complain(self.allowed)
         return int(value) if self.whole else float(value)
 

@@ -70,7 +70,7 @@ def key(default: Any, meaning: str, check: Check = anything) -> Any:
 
 def number(default: Any, low: float, high: float, unit: str, meaning: str, **bounds: bool) -> Any:
     """Declare a number between two bounds; see `Number`."""
-    return key(default, meaning, Number(low, high, unit=unit, **bounds))
+    return key(default, meaning, Number(low, high, unit, **bounds))
 
 
 def count(default: Any, low: int, high: int, meaning: str, *, even: bool = False) -> Any:
@@ -80,7 +80,7 @@ def count(default: Any, low: int, high: int, meaning: str, *, even: bool = False
 
 def settings(high: float, unit: str, example: str, default: Any, meaning: str) -> Any:
     """Declare a list of different numbers > 0; an angle is below its bound."""
-    bounds = Number(0, high, True, unit == "°", unit)
+    bounds = Number(0, high, unit, open_low=True, open_high=unit == "°")
     return key(default, meaning, ListOf(example, check=bounds, distinct=True))
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, cast
@@ -231,7 +230,7 @@ class TensionerSection(Section):
 
     pulley: str = key(..., "name of the pulley on it", checks.text)
     pivot_m: tuple[float, float] = key(
-        ..., "its axis", checks.ListOf("[-0.18, 0.10]", 2, checks.Number(-100, 100, unit="m"))
+        ..., "its axis", checks.ListOf("[-0.18, 0.10]", 2, checks.Number(-100, 100, "m"))
     )
     arm_m: float = number(..., 0.001, 10, "m", "its length")
     free_angle_deg: float = number(..., -360, 360, "°", "of the pulley about the pivot, at the end")
@@ -240,7 +239,7 @@ class TensionerSection(Section):
     stops_deg: tuple[float, float] | None = key(
         None,
         "angles at the stops; null: none",
-        checks.ListOf("[-10, 60]", 2, checks.Number(-720, 720, unit="°")),
+        checks.ListOf("[-10, 60]", 2, checks.Number(-720, 720, "°")),
     )
 
 
@@ -250,7 +249,7 @@ class OperatingPointsSection(Section):
     driver_speed_rad_s: Numbers = key(
         (62.8,),
         "speed of the driver",
-        checks.ListOf("[22, 62.8]", 100_000, checks.Number(-1e4, 1e4, unit="rad/s")),
+        checks.ListOf("[22, 62.8]", 100_000, checks.Number(-1e4, 1e4, "rad/s")),
     )
     torque_N_m: dict[str, Numbers] = key({}, "taken off, by pulley", checks.lists_by_name)
     power_W: dict[str, Numbers] = key({}, "taken off, by pulley", checks.lists_by_name)
@@ -338,7 +337,7 @@ def _value(column: Column) -> checks.Check:
     if column.dtype == "string":
         return choice if column.choices else checks.text
     unit = SYMBOLS.get(column.unit, column.unit)
-    return checks.Number(**asdict(column.within), unit=unit)
+    return checks.Number(column.low, column.high, unit, column.open_low, column.open_high)
 
 
 def _columns(kind: str) -> list[Column]:

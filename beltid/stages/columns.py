@@ -10,7 +10,7 @@ import numpy as np
 
 from beltid.errors import InputError
 from beltid.tables import schemas
-from beltid.tables.values import is_missing
+from beltid.tables.values import is_missing, outside
 
 
 @contextlib.contextmanager
@@ -40,7 +40,7 @@ def columns_from(kind: str, rows: Sequence[Any], **more: Sequence[Any]) -> dict[
         array = np.empty(len(values), dtype=object if column.dtype == "string" else column.dtype)
         array[:] = values
         if column.dtype == "float64":
-            array = np.where(np.isfinite(array) & ~column.within.outside(array), array, np.nan)
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
         columns[name] = array
     return columns
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from beltid.errors import ArtifactError, InputError
 from beltid.tables.schemas import Column, Table
-from beltid.tables.values import floats, is_missing
+from beltid.tables.values import floats, is_missing, outside
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -95,7 +95,7 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
         missing = np.array([cell is None for cell in cells], dtype=bool)
         wrong = np.zeros_like(missing)
     else:
-        wrong, missing = np.isinf(cells) | column.within.outside(cells), np.isnan(cells)
+        wrong, missing = np.isinf(cells) | outside(cells, column), np.isnan(cells)
     if not column.nullable:
         wrong |= missing
     rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)

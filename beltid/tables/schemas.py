@@ -11,37 +11,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 DType = Literal["float64", "int64", "bool", "string", "list"]
 RANGE: Final = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
 LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """Numbers between two bounds; an open bound is excluded."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    open_low: bool = False
-    open_high: bool = False
-
-    @property
-    def text(self) -> str:
-        """The interval as text: ``> 0``, ``in (0, 360)``, or ``finite`` without bounds."""
-        if math.isinf(self.low) and math.isinf(self.high):
-            return "finite"
-        if math.isinf(self.high):
-            return f"{'>' if self.open_low else '>='} {self.low:g}"
-        left, right = "[("[self.open_low], "])"[self.open_high]
-        return f"in {left}{self.low:g}, {self.high:g}{right}"
-
-    def outside(self, numbers: Any) -> Any:
-        """Return whether a number, or which of an array, is outside; nan is not."""
-        low = numbers <= self.low if self.open_low else numbers < self.low
-        high = numbers >= self.high if self.open_high else numbers > self.high
-        return low | high
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +32,30 @@ class Column:
     unit: str
     meaning: str
     nullable: bool = False
-    within: Interval = Interval()
+    low: float = -math.inf
+    high: float = math.inf
+    open_low: bool = False
+    open_high: bool = False
     required: bool = True
     length: int = 0
     choices: tuple[str, ...] = ()
 
     @property
     def allowed(self) -> str:
-        """Allowed range as text, or the allowed texts."""
+        """Allowed range as text, ``> 0`` or ``in (0, 360)``, or the allowed texts."""
         if self.choices:
             return " or ".join(filter(None, [", ".join(self.choices[:-1]), self.choices[-1]]))
-        return self.within.text
+        return interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
+
+
+def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str:
+    """Format a range: ``> 0``, ``in (0, 360)``, or ``finite`` without bounds."""
+    if math.isinf(low) and math.isinf(high):
+        return "finite"
+    if math.isinf(high):
+        return f"{'>' if open_low else '>='} {low:g}"
+    left, right = "[("[open_low], "])"[open_high]
+    return f"in {left}{low:g}, {high:g}{right}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +99,12 @@ def column_of(line: str) -> Column:
     if " | " in kind:
         dtype, more["choices"] = "string", tuple(kind.split(" | "))
     elif kind == "count":
-        more["within"] = Interval(0.0)
+        more["low"] = 0.0
     elif of := LENGTH_OF_LIST.match(kind):
         more["length"] = int(of[1] or 0)
     elif of := RANGE.fullmatch(kind):
-        low, high, open_low = float(of[2] or of[4]), float(of[5] or "inf"), of[1] or of[3]
-        more["within"] = Interval(low, high, open_low in (">", "("), of[6] == ")")
+        more |= {"low": float(of[2] or of[4]), "open_low": (of[1] or of[3]) in (">", "(")}
+        more |= {"high": float(of[5] or "inf"), "open_high": of[6] == ")"}
     elif kind not in (*words, "number"):
         raise ValueError(f"{line}: cannot be read as a column")
     return Column(name.removesuffix("?"), dtype, unit.removeprefix("-"), meaning, **more)  # type: ignore[arg-type]

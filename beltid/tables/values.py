@@ -1,10 +1,12 @@
-"""Values of a column: conversion to numbers, missing values."""
+"""Values of a column: conversion to numbers, missing values, range checks."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+
+from beltid.tables.schemas import Column
 
 
 def floats(values: Any) -> np.ndarray:
@@ -36,3 +38,10 @@ def absent(values: np.ndarray) -> np.ndarray:
     if values.dtype == object:
         return np.fromiter((v is None for v in values), dtype=bool, count=len(values))
     return np.asarray(np.isnan(values))
+
+
+def outside(numbers: np.ndarray, column: Column) -> np.ndarray:
+    """Return a mask of numbers outside the range of a column; nan is not outside."""
+    low = numbers <= column.low if column.open_low else numbers < column.low
+    high = numbers >= column.high if column.open_high else numbers > column.high
+    return np.asarray(low | high)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import pytest
 
 from beltid.tables import schemas
-from beltid.tables.schemas import Column, Interval, column_of
+from beltid.tables.schemas import Column, column_of
 from beltid.tables.units import CONVERSIONS
-
-TO_3600 = Interval(0.0, 3600.0, open_low=True)
 
 
 @pytest.mark.parametrize(
@@ -16,10 +14,10 @@ TO_3600 = Interval(0.0, 3600.0, open_low=True)
     [
         (
             "b_deg?  (0, 3600]  deg  arc",
-            Column("b_deg", "float64", "deg", "arc", within=TO_3600, required=False),
+            Column("b_deg", "float64", "deg", "arc", False, 0.0, 3600.0, True, required=False),
             "in (0, 3600]",
         ),
-        ("d  count  1  runs", Column("d", "int64", "1", "runs", within=Interval(0.0)), ">= 0"),
+        ("d  count  1  runs", Column("d", "int64", "1", "runs", low=0.0), ">= 0"),
         ("f  list of 4?  1  rows", Column("f", "list", "1", "rows", True, length=4), "finite"),
         (
             "g  dry | wet | dusty?  -  state",
@@ -46,7 +44,7 @@ def test_columns_are_named_once_and_their_units_are_known(table: schemas.Table) 
     assert len(set(table.names)) == len(table.names)
     assert table.label in ("", *table.names)
     for column in table.columns:
-        assert column.within.low < column.within.high
+        assert column.low < column.high
         assert (column.unit == "") == (column.dtype in ("string", "bool"))
         if table.kind in schemas.RECORDINGS and column.dtype == "float64":
             assert column.unit in CONVERSIONS, column.name
