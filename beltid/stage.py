@@ -172,40 +172,20 @@ class Input:
 
 @dataclass(eq=False)
 class Stage:
-    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files.
+    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files."""
 
-    Attributes
-    ----------
-    name, makes : str
-        Name of the command; kind of the table.
-    reads : dict
-        Parameter -> kind of recording or artifact; a keyword is an input that may be left out.
-    uses : tuple of str
-        Sections of the config that it reads.
-    compute : function
-        From inputs and config to the outcome.
-    file : str or function
-        Name of the file, or a function of the options that gives it; default: the kind.
-    guests : tuple of str
-        Inputs that may be of another bench.
-    finds : function, optional
-        Adds inputs that lie beside the given ones.
-    writes : function, optional
-        Turns the outcome into the bytes of a file that is no artifact.
-    fails_with : int
-        Exit status if `passed` is False.
-    """
-
-    name: str
-    makes: str
-    reads: Mapping[str, Kind]
-    uses: tuple[str, ...]
+    name: str  # of the command
+    makes: str  # kind of the table
+    reads: Mapping[str, Kind]  # parameter -> kind of input; a keyword may be left out
+    uses: tuple[str, ...]  # sections of the config that it reads
     compute: Callable[..., Outcome[Any]]
-    file: str | Callable[..., str] = ""
-    guests: tuple[str, ...] = ()
+    file: str | Callable[..., str] = ""  # name of the file, or its function of the options
+    guests: tuple[str, ...] = ()  # inputs that may be of another bench
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
+    """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
-    fails_with: int = EXIT_OUT_OF_TOLERANCE
+    """Turns the outcome into the bytes of a file that is no artifact."""
+    fails_with: int = EXIT_OUT_OF_TOLERANCE  # exit status if `passed` is False
     is_command: bool = True
 
     def __post_init__(self) -> None:
