@@ -1,8 +1,7 @@
 """From the recording of the friction rig to a coefficient per run, Eqs. (5) to (8).
 
 Measured and simulated recordings pass the same reduction. A weight or a torque in another unit than
-assumed, or a speed in turns, changes mu or the sliding speed without any other sign: each is
-checked
+assumed, or a speed in turns, changes mu or the sliding speed without any other sign: each is held
 against what the cells show of the same run; the median over the runs decides. A unit alone is not
 believed, a calibration in the config is.
 """
