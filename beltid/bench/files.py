@@ -103,12 +103,8 @@ def content_of(path: Path, besides: Sequence[Path] = ()) -> str:
     return sha256("".join(lines).encode(errors="surrogateescape"))
 
 
-Signature = tuple[tuple[str, int, int, int], ...]
-"""Name, time of change, size and number of files; differs when one is replaced or written."""
-
-
-def signature_of(path: Path) -> Signature:
-    """Return the state of every file that a path names; the reader reports missing ones."""
+def signature_of(path: Path) -> tuple[tuple[str, int, int, int], ...]:
+    """Return name, time of change, size and number of files; a change or a new file shows."""
     states = []
     with contextlib.suppress(OSError):
         for file in _candidates(path) if is_many(path) else [path]:
@@ -184,13 +180,13 @@ def members(path: Path, shown: str) -> list[str]:
 
 def refuse_kinds(files: Sequence[PurePath], place: str) -> None:
     """Refuse files that are too many, or of several kinds."""
-    kinds = Counter("".join(f.suffixes[-2:] if f.suffix == ".gz" else f.suffix) for f in files)
-    kinds = Counter({ending.lower(): kinds[ending] for ending in kinds})
+    endings = ("".join(f.suffixes[-2:]) if f.suffix == ".gz" else f.suffix for f in files)
+    kinds = Counter(ending.lower() for ending in endings)
     if len(kinds) > 1:
         shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
+        only = PurePath(place, f"*{kinds.most_common(1)[0][0]}")
         raise InputError(
-            f"{place}: holds files of several kinds ({shown}); "
-            f"name only the runs, such as {PurePath(place, f'*{kinds.most_common(1)[0][0]}')}"
+            f"{place}: holds files of several kinds ({shown}); name only the runs, such as {only}"
         )
     if len(files) > MAX_FILES:
         raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")
