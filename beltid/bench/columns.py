@@ -18,6 +18,7 @@ from beltid.bench.mapping import (
     channels_of,
     channels_of_head,
     in_groups,
+    lacking,
     mapped,
     meant,
     notes_of,
@@ -65,12 +66,14 @@ def read_part(
     """Read our columns from the tables of one recording; None if something is wrong."""
     problems, wrong, clock = needs.problems, needs.problems.count, Clock()
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
-    raws, channels = [raw for raw in raws if id(raw) in times] or raws[:1], channels_of(raws)
-    if times:
-        own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
-        channels = [c for c in in_groups(channels) if own.get(id(c.raw), c.key) != c.key]
-    else:
-        channels = [c for c in channels if c.raw is raws[0]]
+    timed = [raw for raw in raws if id(raw) in times] or raws[:1]
+    own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
+    channels = [
+        c
+        for c in in_groups(channels_of(raws))
+        if id(c.raw) in {*map(id, timed)} and own.get(id(c.raw)) != c.key
+    ]
+    raws = timed
     raw = raws[0]
     found = mapped(channels, needs, f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
@@ -81,7 +84,7 @@ def read_part(
     stated = settings.of(raw.place, names, found, fields, notes) if settings else {}
     if is_mapped:
         refuse_missing(channels, found, needs, raw.head, stated)
-    if problems.count > wrong:
+    if not is_mapped or lacking(needs.table, {*found, *stated}):
         return None
     # without the tables, whose memory is free once the columns are used up
     bare = {id(raw): raw.bare() for raw in raws}
@@ -318,9 +321,10 @@ def _aligned(
         if not is_same:
             moved.append(name)
             if not np.all(np.diff(own) > 0):
+                group = match.channel.raw.name
                 needs.problems.add(
-                    f"{place}: the time of {match.channel.raw.name} (time_s) does not increase "
-                    "from sample to sample, so its channels cannot be aligned with those of others"
+                    f"{place}: the time of {group} (time_s) does not increase from sample to "
+                    "sample, so its channels cannot be aligned with those of other rates"
                 )
             values = np.interp(time, own, values, left=np.nan, right=np.nan)
         columns[role] = values[kept]

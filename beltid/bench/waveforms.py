@@ -206,15 +206,13 @@ def _segment(
     if rows and len(rows[-1]) < len(names) and end >= len(lines) - 1:
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
+    cells = pd.DataFrame(rows, dtype="str").reindex(columns=range(len(names)))
+
+    def place_of(row: int) -> tuple[str, int]:
+        return f"{place}:{at + 2 + row}", at + 2 + row
+
     columns = [
-        numbers_of(
-            pd.Series([row[i] if i < len(row) else "" for row in rows], dtype="str"),
-            signs,
-            name,
-            lambda i: (f"{place}:{at + 2 + i}", at + 2 + i),
-            problems,
-        )
-        for i, name in enumerate(names)
+        numbers_of(cells[i], signs, name, place_of, problems) for i, name in enumerate(names)
     ]
     kind = _cell(header, "X_Columns").lower() or "one"
     pairs = [(0, i) for i in range(1, len(names))]
