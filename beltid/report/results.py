@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
-from beltid.identify.surface.surface import surface_from_columns
-from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
 from beltid.store.artifact import Artifact, combined_origin
+
+if TYPE_CHECKING:
+    from beltid.laws.friction_surface import FrictionSurface
 
 HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out and predicted
 SURFACES: Final = ("surface_refined", "surface")
@@ -78,6 +79,8 @@ class Sheet(Artifact):
     @property
     def surface(self) -> FrictionSurface:
         """Averaged surface, with combined uncertainties as its errors if they are available."""
+        from beltid.identify.surface.surface import surface_from_columns  # slow to import
+
         combined = {"mu_se": self.columns["mu_u"]} if "mu_u" in self.columns else {}
         return surface_from_columns({**self.columns, **combined})
 
