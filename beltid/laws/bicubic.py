@@ -53,21 +53,22 @@ def log_nodes(nodes: Array) -> tuple[Array, float]:
     return np.log1p(nodes / reference), reference
 
 
-def locate(nodes: Any, reference: float, value: Any) -> tuple[Any, Any, Any]:
-    """Find values (numbers or arrays) on one axis; beyond its ends, the nearest node.
-
-    Returned are the cell, the local coordinate in [0, 1], and its derivative, 0 beyond the ends.
-    """
+def coordinate(reference: float, value: Any) -> tuple[Any, Any]:
+    """Return the coordinates of values (numbers or arrays) on an axis, and their derivatives."""
     x = np.log1p(np.maximum(value, 0.0) / reference)
-    cell = 0
+    return x, 1.0 * (value >= 0.0) / (reference + value)
+
+
+def local(nodes: Any, cell: Any, x: Any) -> tuple[Any, Any]:
+    """Return the local coordinate in [0, 1] of x in a cell; beyond the ends, of the nearest node.
+
+    Its derivative in x is 0 beyond the ends.
+    """
     if nodes.size == 1:
-        return cell, 0.0 * x, 0.0 * x
+        return 0.0 * x, 0.0 * x
     inside = np.minimum(np.maximum(x, nodes[0]), nodes[-1])
-    for node in nodes[1:-1]:
-        cell = cell + (inside >= node)
     width = nodes[cell + 1] - nodes[cell]
-    is_inside = 1.0 * ((x == inside) & (value >= 0.0))
-    return cell, (inside - nodes[cell]) / width, is_inside / (width * (reference + value))
+    return (inside - nodes[cell]) / width, 1.0 * (x == inside) / width
 
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:

@@ -23,8 +23,9 @@ from beltid.errors import InputError
 from beltid.laws.bicubic import (
     SurfaceTables,
     bounded_patches,
+    coordinate,
     evaluate_cell,
-    locate,
+    local,
     log_nodes,
 )
 
@@ -240,9 +241,13 @@ class FrictionSurface:
     def _places(self, f: Array, v: Array) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
         """Locate points on both axes; nan in one variable makes both local coordinates nan."""
         T, unknown = self._tables, 0.0 * (f + v)
-        i, s, ds_df = locate(T.x_nodes, T.f_ref, f)
-        j, t, dt_dv = locate(T.y_nodes, T.v_ref, np.abs(v))
-        return (i, s + unknown, ds_df), (j, t + unknown, dt_dv)
+        places = []
+        for nodes, reference, value in ((T.x_nodes, T.f_ref, f), (T.y_nodes, T.v_ref, np.abs(v))):
+            x, change = coordinate(reference, value)
+            cell = np.searchsorted(nodes[1:-1], x, side="right")
+            place, slope = local(nodes, cell, x)
+            places.append((cell, place + unknown, slope * change))
+        return places[0], places[1]
 
     def _bilinear(self, nodes: Array, f: ArrayLike, v: ArrayLike) -> Array:
         """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""

@@ -53,37 +53,44 @@ def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
                 A[k, HALF + j - k] = A[p, HALF + j - p]
                 A[p, HALF + j - p] = kept
         inverse = 1.0 / A[k, HALF]
-        filled = right - k > HALF
+        row, filled = A[k, HALF:], right - k > HALF
         for i in range(k + 1, last + 1):
-            at = HALF + k - i
-            factor = A[i, at] * inverse
-            A[i, at] = factor
+            other = A[i, HALF + k - i :]
+            factor = other[0] * inverse
+            other[0] = factor
             if factor == 0.0:
                 continue
             # loops of fixed length are fast; the storage holds zeros beyond the last column
             if filled:
                 for j in range(1, 2 * HALF + 1):
-                    A[i, at + j] -= factor * A[k, HALF + j]
+                    other[j] -= factor * row[j]
             else:
                 for j in range(1, HALF + 1):
-                    A[i, at + j] -= factor * A[k, HALF + j]
+                    other[j] -= factor * row[j]
     return True
 
 
 @kernel
-def solve(A: Array, pivots: NDArray[np.int64], b: Array) -> None:
-    """Solve with the factors of :func:`factorize`; ``b`` (n,) is overwritten by the solution."""
+def solve(A: Array, pivots: NDArray[np.int64], a: Array, b: Array, c: Array) -> None:
+    """Solve with the factors of :func:`factorize`; three loads (n,) become their solutions.
+
+    Three take hardly longer than one, which waits for its own sums.
+    """
     n = A.shape[0]
     for k in range(n):
         p = pivots[k]
         if p != k:
-            b[k], b[p] = b[p], b[k]
-        bk = b[k]
-        if bk != 0.0:
-            for i in range(k + 1, min(k + HALF, n - 1) + 1):
-                b[i] -= A[i, HALF + k - i] * bk
+            a[k], a[p], b[k], b[p], c[k], c[p] = a[p], a[k], b[p], b[k], c[p], c[k]
+        x, y, z = a[k], b[k], c[k]
+        for i in range(k + 1, min(k + HALF, n - 1) + 1):
+            factor = A[i, HALF + k - i]
+            a[i] -= factor * x
+            b[i] -= factor * y
+            c[i] -= factor * z
     for k in range(n - 1, -1, -1):
-        total = b[k]
+        x, y, z = a[k], b[k], c[k]
         for j in range(k + 1, min(k + 2 * HALF, n - 1) + 1):
-            total -= A[k, HALF + j - k] * b[j]
-        b[k] = total / A[k, HALF]
+            factor = A[k, HALF + j - k]
+            x, y, z = x - factor * a[j], y - factor * b[j], z - factor * c[j]
+        inverse = 1.0 / A[k, HALF]
+        a[k], b[k], c[k] = x * inverse, y * inverse, z * inverse

@@ -17,6 +17,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltid.laws import bicubic, capstan, penalty
 from beltid.laws.bicubic import SurfaceTables
@@ -30,7 +31,8 @@ CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
 elastic_force = kernel(penalty.elastic_force)  # Eq. (3)
 elastic_stiffness = kernel(penalty.elastic_stiffness)
 sliding_speed = kernel(capstan.sliding_speed)  # Eq. (7)
-locate = kernel(bicubic.locate)  # mu(f_N, v)
+coordinate = kernel(bicubic.coordinate)  # mu(f_N, v)
+local = kernel(bicubic.local)
 evaluate_cell = kernel(bicubic.evaluate_cell)
 
 
@@ -72,12 +74,22 @@ def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float]:
 
 
 @kernel
+def cell_of(nodes: NDArray[np.float64], x: float) -> int:
+    """Return the cell of a coordinate; the nodes are few."""
+    cell = 0
+    while cell < nodes.size - 2 and x >= nodes[cell + 1]:
+        cell += 1
+    return cell
+
+
+@kernel
 def friction(surface: SurfaceTables, f: float, v: float) -> tuple[float, float, float]:
     """Return mu(f_N, v) and its derivatives in both."""
-    i, s, by_f = locate(surface.x_nodes, surface.f_ref, f)
-    j, t, by_v = locate(surface.y_nodes, surface.v_ref, v)
+    (x, x_f), (y, y_v) = coordinate(surface.f_ref, f), coordinate(surface.v_ref, v)
+    i, j = cell_of(surface.x_nodes, x), cell_of(surface.y_nodes, y)
+    (s, s_x), (t, t_y) = local(surface.x_nodes, i, x), local(surface.y_nodes, j, y)
     mu, mu_s, mu_t = evaluate_cell(surface.C, i, j, s, t)
-    return mu, mu_s * by_f, mu_t * by_v
+    return mu, mu_s * s_x * x_f, mu_t * t_y * y_v
 
 
 @kernel

@@ -175,12 +175,10 @@ def _respond(
     border: Border, s: State, load: Array, missing: float, by: Array
 ) -> tuple[Array, float]:
     """Return the change of the coordinates (n,) under a load, and that of the movement [m]."""
-    change = load.copy()
-    solve(s.A, s.pivots, change)
+    change, movement = load.copy(), -s.columns[1]
+    solve(s.A, s.pivots, change, movement, np.zeros_like(load))
     if border.kinds.size == 0:
         return change, 0.0
-    movement = -s.columns[1]
-    solve(s.A, s.pivots, movement)
     by_load, by_movement = np.zeros(4), np.zeros(4)
     force_changes(s, -change, 2, by_load)
     force_changes(s, -movement, 1, by_movement)

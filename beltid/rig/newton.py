@@ -172,14 +172,13 @@ def equilibrium(
             return iteration, error / T[0]
         if not (error < 1e300 and factorize(s.A, s.pivots)):
             break
-        solve(s.A, s.pivots, s.r)
+        solve(s.A, s.pivots, s.r, s.columns[0], s.columns[1])
         force_changes(s, s.r, 2, change)
         for k in range(unknowns):
             for i in range(4):
                 miss[k] -= by[k, i] * change[i]
         for j in range(unknowns):
             kind = border.kinds[j]
-            solve(s.A, s.pivots, s.columns[kind])
             force_changes(s, s.columns[kind], kind, change)
             for k in range(unknowns):
                 S[k, j] = np.sum(by[k] * change)

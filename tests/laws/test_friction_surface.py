@@ -13,15 +13,10 @@ from hypothesis.extra import numpy as hnp
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError
-from beltid.laws.bicubic import (
-    SurfaceTables,
-    bounded_cubic,
-    bounded_patches,
-    evaluate_cell,
-    locate,
-)
+from beltid.laws.bicubic import SurfaceTables, bounded_cubic, bounded_patches
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.slow_friction import continued
+from beltid.rig.contact import friction
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 V = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
@@ -43,10 +38,8 @@ def smooth() -> FrictionSurface:
 
 def looked_up(T: SurfaceTables, f: float, v: float) -> tuple[float, float, float]:
     """mu and its derivatives at one point, as kernels look them up."""
-    i, s, ds_df = locate(T.x_nodes, T.f_ref, f)
-    j, t, dt_dv = locate(T.y_nodes, T.v_ref, abs(v))
-    mu, mu_s, mu_t = evaluate_cell(T.C, i, j, s, t)
-    return mu, mu_s * ds_df, mu_t * dt_dv * (-1.0 if v < 0.0 else 1.0)
+    mu, mu_f, mu_v = friction(T, f, abs(v))
+    return mu, mu_f, mu_v * (-1.0 if v < 0.0 else 1.0)
 
 
 @st.composite

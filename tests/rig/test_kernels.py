@@ -120,14 +120,14 @@ def test_a_banded_system_is_solved_with_exchanges(seed: int) -> None:
     A = np.zeros((n, WIDTH))
     A[:, : 2 * HALF + 1] = rng.normal(size=(n, 2 * HALF + 1))
     A[:, HALF] = 0.0
-    full, b = dense(A), rng.normal(size=n)
+    full, b = dense(A), rng.normal(size=(3, n))
     x, pivots = b.copy(), np.zeros(n, dtype=np.int64)
     for i in range(n):  # nothing is stored outside the matrix
         for j in range(2 * HALF + 1):
             A[i, j] *= 0 <= i + j - HALF < n
     assert factorize(A, pivots)
-    solve(A, pivots, x)
-    error = np.abs(full @ x - b).max()
+    solve(A, pivots, *x)
+    error = np.abs(full @ x.T - b.T).max()
     assert error < 1e-13 * np.abs(full).sum(axis=1).max() * np.abs(x).max()
 
 
