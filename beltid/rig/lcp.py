@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
 from beltid.rig.contact import CONE_TOLERANCE
-from beltid.rig.newton import TOLERANCE, Border, System, assemble, force_changes, hold
+from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, force_changes, hold
 from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
@@ -131,6 +131,7 @@ def step_by_lemke(
         wrong = np.where(sticks, np.abs(slip), -now["sign"][at] * slip)
         beyond = float(np.max(np.abs(force) / limit, initial=0.0)) - 1.0
         if error <= TOLERANCE and beyond <= CONE_TOLERANCE and max(wrong, default=0.0) <= STILL:
+            accept(s, motion.rate)
             return iteration, error
         if not factorize(s.A, s.pivots):
             break

@@ -93,7 +93,8 @@ def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
     r[:], s.columns[:], A[:] = 0.0, 0.0, 0.0
     add_belt(mesh, section, s, rate)
     if rate > 0.0:
-        s.dq[:] = s.q - s.q_old - s.q_dot / rate
+        for i in range(n):
+            s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
         add_inertia(mesh, section, s, rate)
     changes = add_contact(mesh, system.pulley, motion, s, revise)
     for end in range(2):
@@ -139,6 +140,17 @@ def force_changes(s: State, x: Array, k: int, out: Array) -> None:
 
 
 @kernel
+def accept(s: State, rate: float) -> None:
+    """End a step: rates, strains and contact are those that the next one starts from."""
+    for i in range(s.q.size):
+        s.q_dot[i] = (s.q[i] - s.q_old[i]) * rate
+    s.strains_old[:] = s.strains
+    for el in range(s.now.shape[0]):
+        for c in range(s.now.shape[1]):
+            s.last[el, c] = s.now[el, c]
+
+
+@kernel
 def equilibrium(
     system: System, motion: Motion, border: Border, s: State, most: int
 ) -> tuple[int, float]:
@@ -169,6 +181,8 @@ def equilibrium(
         for i in range(n):
             error = max(error, abs(s.r[i]) / (1.0 if i % 4 < 2 else h_min))
         if changes == 0 and error <= TOLERANCE * T[0] + ROUNDING * R * stiffest:
+            if rate > 0.0:
+                accept(s, rate)
             return iteration, error / T[0]
         if not (error < 1e300 and factorize(s.A, s.pivots)):
             break
@@ -233,8 +247,5 @@ def march(
                 parts, done = 2 * parts, 2 * done
                 continue
             done += 1
-            s.q_dot[:] = (s.q - s.q_old) * motion.rate
-            s.strains_old[:] = s.strains
-            s.last.view(np.uint8)[:] = s.now.view(np.uint8)  # field by field it would take long
         step["force"] = s.force
     return record.size
