@@ -65,20 +65,14 @@ def drive_uncertainty(
     """
     by_string = np.zeros(len(points), dtype=bool)
     string_results = _solved(drive, points, "string", [None] * len(points))
-    slips = np.array(
-        [
-            bool(result.state.rods) and not (_sticks(result) and _sticks(string))
-            for result, string in zip(results, string_results, strict=True)
-        ],
-        dtype=bool,
-    )
+    both = list(zip(results, string_results, strict=True))
+    at = [i for i, (r, s) in enumerate(both) if r.state.rods and not (_sticks(r) and _sticks(s))]
     losses = _losses(drive, string_results)
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
     changes = np.zeros((*losses.shape, len(inputs)))
     for k, moved in enumerate(inputs):
         changes[..., k] = _losses(drive, _solved(*moved, "string", string_results)) - losses
-    at = np.flatnonzero(slips).tolist()
     best = [results[i] for i in at]
     for k, (other, moved_points) in enumerate(inputs if at else ()):
         rods = _solved(other, [moved_points[i] for i in at], "rod", best)
@@ -98,14 +92,8 @@ def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
     changes = factor_of(nodes @ nodes.T)
     variance = np.cumsum(np.sum(changes**2, axis=0))
     kept = changes[:, : 1 + int(np.searchsorted(variance, SURFACE_VARIANCE * variance[-1]))]
-    return [
-        FrictionSurface(
-            surface.normal_force_N_m,
-            surface.slip_speed_m_s,
-            surface.mu_nodes * np.exp(change.reshape(surface.mu_nodes.shape)),
-        )
-        for change in kept.T
-    ]
+    f, v, mu = surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes
+    return [FrictionSurface(f, v, mu * np.exp(change.reshape(mu.shape))) for change in kept.T]
 
 
 def change_by_slower_friction(
@@ -121,10 +109,11 @@ def change_by_slower_friction(
     change = np.full((len(points), len(drive.pulleys)), np.nan)
     if limits[0].friction is limits[1].friction:
         return np.zeros_like(change)
-    with_rods = np.array([bool(result.state.rods) for result in results], dtype=bool)
     for method in METHODS:
-        open_ = ~np.isfinite(change).all(axis=1) & (with_rods | (method == "string"))
-        at = np.flatnonzero(open_).tolist()
+        is_open = ~np.isfinite(change).all(axis=1)
+        at = [
+            i for i, r in enumerate(results) if is_open[i] and (method == "string" or r.state.rods)
+        ]
         if not at:
             continue
         chosen_points = [points[i] for i in at]

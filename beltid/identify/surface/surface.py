@@ -352,6 +352,9 @@ FLAT = 1e-6  # precision of what has no second difference, over that of a second
 ROUNDING = 1e-5  # of ln mu
 
 
+COLUMNS = "arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu", "mu_se", "n_arcs", "mu_spread"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceResult:
     """Friction surfaces of a campaign."""
@@ -376,17 +379,14 @@ class SurfaceResult:
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
-        grids = (self.average, *self.arcs)
-        columns: dict[str, list[NDArray[Any]]] = {"arc_deg": []}
-        for k, g in enumerate(grids):
-            # nan marks the average, even with a single arc
-            columns["arc_deg"].append(np.full(g.mu.size, g.arc_deg if k else np.nan))
+        parts = []
+        for k, g in enumerate((self.average, *self.arcs)):
             nodes = np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij")
-            table = dict(zip(("normal_force_N_m", "slip_speed_m_s"), nodes, strict=True))
-            table |= {name: getattr(g, name) for name in ("mu", "mu_se", "n_arcs", "mu_spread")}
-            for name, values in table.items():
-                columns.setdefault(name, []).append(values.ravel())
-        return {name: np.concatenate(parts) for name, parts in columns.items()}
+            # nan marks the average, even with a single arc
+            arc = np.full(g.mu.shape, g.arc_deg if k else np.nan)
+            parts.append([arc, *nodes, g.mu, g.mu_se, g.n_arcs, g.mu_spread])
+        columns = (np.concatenate([x.ravel() for x in of]) for of in zip(*parts, strict=True))
+        return dict(zip(COLUMNS, columns, strict=True))
 
 
 def build_surface(
@@ -486,7 +486,7 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 
     Raises `InputError` if a column or the average is missing, or its rows form no complete grid.
     """
-    required = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu")
+    required = COLUMNS[:4]
     missing = [f"surface: column {name} is missing" for name in required if name not in columns]
     if missing:
         raise InputError(missing)
