@@ -192,19 +192,12 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     notes += checker.run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    rig = _shown_by(columns, needs)
-    return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
-
-
-def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]:
-    """Return what the columns of a recording show of the rig."""
     rig = dict(needs.rig)
     if needs.table.kind == "points":
-        known = (c for c, values in columns.items() if not absent(values).all())
-        rig = rig_of(dict.fromkeys(known, ()))
+        rig = rig_of({name: () for name, values in columns.items() if not absent(values).all()})
     if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
         rig["running"] = "yes"
-    return rig
+    return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
 
 def _simulated(path: Path, kind: str) -> Recording | None:

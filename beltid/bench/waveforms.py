@@ -25,6 +25,7 @@ from beltid.bench.raw import (
     tables_of,
     unapplied_scaling,
 )
+from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -154,9 +155,9 @@ def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> W
 # --- LabVIEW measurements ------------------------------------------------------------------------
 
 
-def read_lvm(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
-    data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect["encoding"])
+    data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect.encoding)
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)
     sign = found[1] if found else "\t"

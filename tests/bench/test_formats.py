@@ -1,12 +1,16 @@
-"""Layouts that one format can have: structs, segments, stamps, sheets."""
+"""Layouts that one format can have: structs, segments, stamps, sheets; what is too large."""
 
 from __future__ import annotations
+
+import gzip
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from golden import files_written as w
 
-from beltid.bench.recording import read_recording
+from beltid.bench.recording import Recording, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
 
@@ -172,3 +176,69 @@ def test_whole_numbers_are_read_once_the_config_says_what_they_are(tmp_path, tol
         config = load_config({"units": {"press": {"force_N": units}}} if units else {})
         force = read_recording(tmp_path / "P.h5", "press", config).columns["force_N"]
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
+
+
+# --- universal files -----------------------------------------------------------------------------
+
+DATA = Path(__file__).parent / "data"
+N = 50
+TIME = np.arange(N) * 0.02
+FORCE = np.round(100 * np.sin(3 * TIME) ** 2 + 950 * TIME, 3)
+TRAVEL = np.round(0.5 * TIME + 0.01 * np.sin(TIME), 5)
+UNEVEN = np.round(TIME + 0.003 * np.sin(np.arange(N)), 5)
+
+
+def check(recording: Recording, digits: float) -> None:
+    """The force at its own times; the travel, uneven in time, brought to them."""
+    time = recording.columns["time_s"]
+    force, travel = recording.columns["force_N"], recording.columns["displacement_mm"]
+    np.testing.assert_allclose(force, np.interp(time, TIME, FORCE), rtol=digits, atol=1e-9)
+    np.testing.assert_allclose(travel, np.interp(time, UNEVEN, TRAVEL), rtol=digits, atol=1e-9)
+    assert len(time) >= N - 2
+    assert "read Kraft [N] as force_N" in recording.notes
+
+
+PYUFF = {"single": 1e-5, "double": 1e-11, "binary": 1e-12}
+
+
+@pytest.mark.parametrize(("kind", "digits"), PYUFF.items())
+def test_files_that_pyuff_wrote(kind, digits):
+    check(read_recording(DATA / f"uff58-{kind}.unv", "press"), digits)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d[:-8], r"P1.unv: damaged: the last dataset"),
+        (lambda d: d[: len(d) // 4] + d[len(d) // 4 + 4 :], "damaged"),
+        (lambda d: d.replace(b"       200", b"       201"), "200 samples found, the header"),
+        (lambda d: d.replace(b"        17", b"        18"), "no dataset 58"),
+        (lambda d: d.replace(b"         4       200", b"         6       200"), "no dataset 58"),
+        (lambda d: b"    -1\n   151\nmodel\n    -1\n", "no dataset 58"),
+    ],
+)  # fmt: skip
+def test_what_is_damaged_or_not_read_is_reported(tmp_path, change, words):
+    path = tmp_path / "P1.unv"
+    path.write_bytes(change(w.uff(even=True)))
+    with pytest.raises(InputError, match=words):
+        read_recording(path, "press")
+
+
+# --- size ----------------------------------------------------------------------------------------
+
+
+def test_a_million_columns_are_refused(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text(",".join(f"c{i}" for i in range(1_000_000)) + "\n" + "1," * 999_999 + "1\n")
+    with pytest.raises(InputError, match=r"rig\.csv:1: 1000000 columns, must be at most 2000"):
+        read_recording(path, "rig")
+
+
+def test_packed_bombs_are_refused_by_a_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("beltid.bench.files.MAX_BYTES", 1 << 20)
+    with zipfile.ZipFile(tmp_path / "rig.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("R001.csv", b"0" * (8 << 20))
+    (tmp_path / "rig.csv.gz").write_bytes(gzip.compress(b"0" * (8 << 20)))
+    for name in ("rig.zip", "rig.csv.gz"):
+        with pytest.raises(InputError, match="unpacks to more than"):
+            read_recording(tmp_path / name, "rig")
