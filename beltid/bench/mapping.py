@@ -258,7 +258,7 @@ def _can_be(channel: Channel, column: Column) -> bool:
 
 
 def _without_number(channel: Channel) -> str:
-    return simplified(without_unit(channel.base)).rstrip("0123456789 ")
+    return simplified(channel.base).rstrip("0123456789 ")
 
 
 def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:

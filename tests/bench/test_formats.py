@@ -11,21 +11,25 @@ import pytest
 from golden import files_written as w
 
 from beltid.bench.recording import Recording, read_recording
-from beltid.config import load_config
+from beltid.config import Config, load_config
 from beltid.errors import InputError
 
-UNITS = {
-    "time_s": "s",
-    "tension_tight_N": "N",
-    "tension_slack_N": "N",
-    "pulley_speed_rad_s": "rad/s",
-}
-SETTINGS = {"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 300}}}}
-T = np.arange(0, 8, 0.01)
+CELLS = w.CELLS[1:]
 
 
-def turning(time: np.ndarray) -> np.ndarray:
-    return np.where(time > 2, 1.0, 0.0)
+def tdms(path: Path, channels: dict[str, tuple[np.ndarray, str]], **waveform: object) -> None:
+    """Write a TDMS file: channels with their units, all with the properties of a waveform."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path, "a" if path.exists() else "w") as writer:
+        for name, (values, unit) in channels.items():
+            about = {"unit_string": unit, **{f"wf_{key}": said for key, said in waveform.items()}}
+            writer.write_segment([ChannelObject("rig", name, values, properties=about)])
+
+
+def settings(arc_deg: float, initial_tension_N: float) -> Config:
+    values = {"arc_deg": arc_deg, "initial_tension_N": initial_tension_N}
+    return load_config({"runs": {"rig": {"values": values}}})
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
@@ -36,12 +40,14 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
     path = tmp_path / "rig.mat"
     if version == "5":
         runs = np.zeros((3,), dtype=[("t", "O")])
-        runs["t"] = [T] * 3
+        runs["t"] = [w.R001["time_s"]] * 3
         savemat(path, {"runs": runs})
     else:
         with h5py.File(path, "w", userblock_size=512) as file:
             cells = file.create_dataset("runs", (3, 1), dtype=h5py.ref_dtype)
-            cells[0, 0] = file.create_dataset("#refs#/a", data=T[None, :]).ref
+            cells[0, 0] = file.create_dataset(
+                "#refs#/a", data=w.R001["time_s"].to_numpy()[None, :]
+            ).ref
         with path.open("r+b") as stream:
             stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
     with pytest.raises(InputError, match="runs left out"):
@@ -70,74 +76,45 @@ def test_variables_of_matlab(tmp_path):
 
 
 def test_rates_and_starts_of_tdms_channels(tmp_path):
-    from nptdms import ChannelObject, TdmsWriter
-
+    path, late = tmp_path / "rig.tdms", 0.1
     start = np.datetime64("2026-11-20T09:00:00", "us")
-    slow = np.arange(0, 8, 0.02)
-
-    def channel(name, values, unit, step, late_ms=0):
-        properties = {
-            "unit_string": unit,
-            "wf_increment": step,
-            "wf_start_offset": 0.0,
-            "wf_start_time": start + np.timedelta64(late_ms, "ms"),
-        }
-        return ChannelObject("rig", name, values, properties=properties)
-
-    late = 0.1
-    with TdmsWriter(tmp_path / "rig.tdms") as writer:
-        writer.write_segment(
-            [
-                channel("Zugtrum", 300 + T, "N", 0.01),
-                channel("Leertrum", 200 + slow + late, "N", 0.02, late_ms=100),
-                channel("Drehzahl", 30 * turning(slow), "1/min", 0.02),
-            ]
-        )
-    columns = read_recording(tmp_path / "rig.tdms", "rig", load_config(SETTINGS)).columns
-    assert columns["time_s"][0] == pytest.approx(0.1, abs=1e-9)
+    fast, slow = np.arange(0, 8, 0.01), np.arange(0, 8, 0.02)
+    turning = np.where(slow > 2, 30.0, 0.0)
+    tdms(path, {"Zugtrum": (300 + fast, "N")}, increment=0.01, start_time=start)
+    tdms(path, {"Drehzahl": (turning, "1/min")}, increment=0.02, start_time=start)
+    later = start + np.timedelta64(100, "ms")
+    tdms(path, {"Leertrum": (200 + slow + late, "N")}, increment=0.02, start_time=later)
+    columns = read_recording(path, "rig", settings(82, 300)).columns
+    assert columns["time_s"][0] == pytest.approx(late, abs=1e-9)
     # both rise with the time: equal but for their offset wherever both were recorded
     np.testing.assert_allclose(columns["tension_tight_N"] - columns["tension_slack_N"], 100.0)
 
 
-@pytest.mark.parametrize(
-    ("kind", "unit"),
-    [("lvm, one", "ms"), ("lvm, no", "Sec"), ("tdms", "ms"), ("mdf", "ms"), ("mdf", "furlong")],
-)
-def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
+@pytest.mark.parametrize("kind", ["lvm, one", "lvm, no", "tdms", "mdf", "mdf, furlong"])
+def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind):
     """Formats have a place for it; a time in milliseconds is none in seconds."""
-    run = w.R001
-    told = run.assign(time_s=run["time_s"] * (1000 if unit == "ms" else 1))
-    path = tmp_path / "R001"
+    run, path = w.R001, tmp_path / "R001"
+    told = run.assign(time_s=1000 * run["time_s"])
+    channels = {name: (run[name].to_numpy(dtype=float), w.UNITS[name]) for name in CELLS}
     if kind == "tdms":
-        from nptdms import ChannelObject, TdmsWriter
-
-        step = float(told["time_s"][1])
-        properties = {"wf_increment": step, "wf_start_offset": 0.0, "wf_xunit_string": unit}
-        with TdmsWriter(path) as writer:
-            for name in UNITS.keys() - {"time_s"}:
-                about = {"unit_string": UNITS[name], **properties}
-                values = run[name].to_numpy(dtype=float)
-                writer.write_segment([ChannelObject("rig", name, values, properties=about)])
-    elif kind == "mdf":
+        tdms(path, channels, increment=float(told["time_s"][1]), xunit_string="ms")
+    elif kind.startswith("mdf"):
         from asammdf import MDF, Signal
 
-        file = MDF(version="4.10")
-        time, names = told["time_s"].to_numpy(), UNITS.keys() - {"time_s"}
-        file.append(
-            [Signal(run[n].to_numpy(dtype=float), time, unit=UNITS[n], name=n) for n in names]
-        )
+        file, time = MDF(version="4.10"), told["time_s"].to_numpy()
+        file.append([Signal(x, time, unit=unit, name=n) for n, (x, unit) in channels.items()])
+        unit = "furlong" if "furlong" in kind else "ms"
         file.groups[0].channels[file.masters_db[0]].unit = unit
         path = file.save(path.with_suffix(".mf4"))
         file.close()
     else:
-        told_so = "X_Unit_Label" + f"\t{unit}" * 3 + "\r\nX0\t"
+        told_so = "X_Unit_Label" + "\tms" * 3 + "\r\nX0\t"
         path.write_text(w.lvm(told, x=kind.split()[1].title()).replace("X0\t", told_so))
-    config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
-    if unit == "furlong":
+    if "furlong" in kind:
         with pytest.raises(InputError, match=r"time .*in furlong"):
-            read_recording(path, "rig", config)
+            read_recording(path, "rig", settings(40, 50))
     else:
-        columns = read_recording(path, "rig", config).columns
+        columns = read_recording(path, "rig", settings(40, 50)).columns
         np.testing.assert_allclose(columns["time_s"], run["time_s"], rtol=0, atol=1e-9)
 
 
