@@ -53,22 +53,8 @@ def inspect_recording(
 ) -> Inspection:
     """Look into the first file of a recording, and read all of it as the stage of its kind does.
 
-    Parameters
-    ----------
-    path : Path
-        File, folder, pattern or zip file.
-    config : Config
-        Options stated so far.
-    kind : {"press", "rig", "speedloss"}, optional
-        Kind of recording; None: recognised from the channels.
-    guess : bool
-        Whether to read the settings of the runs from the names of the files if they seem to be
-        there and nowhere else.
-
-    Raises
-    ------
-    InputError
-        If its first file cannot be read at all.
+    Without a `kind`, it is told by the channels. With `guess`, settings of the runs are read
+    from the names of the files if they seem to be there and nowhere else.
     """
     benches = {k: Needs.of(config, k) for k in ([kind] if kind else KINDS)}
     sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])

@@ -42,32 +42,19 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
 class Recording:
     """A recording of a bench, validated.
 
-    Attributes
-    ----------
-    kind : str
-        "press", "rig" or "speedloss"; "points" for a table with a row per plateau of the rig.
-    columns : dict of str to ndarray
-        The columns of the schema in its order and units: float64 with nan for missing numbers,
-        object arrays of str for labels. An optional column that the file lacks is all nan.
-    path : Path
-        The file.
-    notes : tuple of str
-        Notes on what was recognised, left out or missing.
-    found : dict
-        Our columns -> how they were read; empty if the file has our own columns.
-    is_artifact : bool
-        Whether it is a simulated recording: an artifact of ours.
-    rig : mapping of str to str
-        What its channels show of the rig: its kind, what it holds, whether the belt is running.
+    Its columns are those of the schema, in their order and units: float64 with nan for missing
+    numbers, object arrays of str for labels; an optional one that the file lacks is all nan.
     """
 
-    kind: str
+    kind: str  # "press", "rig" or "speedloss"; "points" for a row per plateau of the rig
     columns: dict[str, np.ndarray]
     path: Path
-    notes: tuple[str, ...] = ()
-    found: dict[str, Found] = field(default_factory=dict)
-    is_artifact: bool = False
-    rig: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # on what was recognised, left out or missing
+    found: dict[str, Found] = field(default_factory=dict)  # our columns -> how they were read
+    is_artifact: bool = False  # a simulated recording: an artifact of ours
+    rig: Mapping[str, str] = field(
+        default_factory=dict
+    )  # its kind, what it holds, if running
 
     @property
     def n_samples(self) -> int:
@@ -76,22 +63,11 @@ class Recording:
 
 
 def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording:
-    """Read a recording and check that it is plausible.
+    """Read a recording and check that it is plausible; InputError with all errors, by their lines.
 
-    Parameters
-    ----------
-    path : path
-        A file of any format that benches write, plain, in a zip file or packed with gzip; or a
-        folder or a pattern such as ``runs/*.lvm`` with a file per run.
-    kind : {"press", "rig", "speedloss", "points"}
-        Kind of recording; a file of the rig without a time is a table of plateaus, "points".
-    config : Config, optional
-        Names, units and dialect of the bench's files, and where to find settings of the runs.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its line.
+    `path` is a file of any format that benches write, plain, in a zip file or packed with gzip; or
+    a folder or a pattern such as ``runs/*.lvm`` with a file per run. A file of the rig without a
+    time is a table of plateaus.
     """
     path, needs, parts = Path(path), Needs.of(config, kind), list[Part]()
     sources = sources_of(path, [needs.run_table] if needs.run_table else [])
@@ -225,21 +201,10 @@ def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
-    """Return a recording in memory, checked like a file.
+    """Return a recording in memory, checked like a file; InputError with all errors, by their rows.
 
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table, mapping or Recording
-        The samples; columns that the kind does not have are ignored.
-    kind : {"press", "rig", "speedloss", "points"}
-        Kind of recording.
-    config : Config, optional
-        Names and units of the columns.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its row.
+    `frame` is a DataFrame, pyarrow Table, mapping of columns or `Recording`; columns that the kind
+    does not have are ignored.
     """
     needs = Needs.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
