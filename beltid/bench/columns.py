@@ -12,7 +12,6 @@ import pandas as pd
 
 from beltid.bench import text
 from beltid.bench.mapping import (
-    DIALECT,
     Found,
     Needs,
     channels_of,
@@ -237,8 +236,8 @@ class Settings:
                         by.apply(number_in_name(values[role])) if by else float("unknown unit")
                     )
             except ValueError:
-                where = f'{place}: {role} = "{values[role]}" in the name'
-                self.needs.problems.add(f"{where}, must be a number in {unit}")
+                found = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
+                self.needs.problems.add(f"{place}: {found}")
         return told
 
 
@@ -259,7 +258,7 @@ def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional))
-    part = read_part([*text.read(path, str(path), DIALECT)], needs)
+    part = read_part([*text.read(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}

@@ -33,18 +33,6 @@ GAP: Final = 3.0  # steps of time over which samples are missing
 
 
 @dataclass(frozen=True, slots=True)
-class RunView:
-    """A run found in a recording."""
-
-    label: str
-    n_samples: int
-    duration_s: float
-    rate_Hz: float  # median
-    gaps: list[float]  # times after which samples are missing [s]
-    settings: dict[str, float]  # arc, tension, temperature, speed reached
-
-
-@dataclass(frozen=True, slots=True)
 class Inspection:
     """Result of inspecting a recording."""
 
@@ -53,7 +41,7 @@ class Inspection:
     tables: list[Raw]  # of the first file as written
     channels: list[Channel]  # of these tables
     found: dict[str, Found] = field(default_factory=dict)  # our columns, as far as known
-    runs: list[RunView] = field(default_factory=list)  # empty if it cannot be read yet
+    runs: list[dict[str, Any]] = field(default_factory=list)  # a row of facts per run, if readable
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()  # to be stated or corrected; without, the command reads it
     rig: dict[str, str] = field(default_factory=dict)  # what stays while the pulley turns
@@ -65,22 +53,8 @@ def inspect_recording(
 ) -> Inspection:
     """Look into the first file of a recording, and read all of it as the stage of its kind does.
 
-    Parameters
-    ----------
-    path : Path
-        File, folder, pattern or zip file.
-    config : Config
-        Options stated so far.
-    kind : {"press", "rig", "speedloss"}, optional
-        Kind of recording; None: recognised from the channels.
-    guess : bool
-        Whether to read the settings of the runs from the names of the files if they seem to be
-        there and nowhere else.
-
-    Raises
-    ------
-    InputError
-        If its first file cannot be read at all.
+    Without a `kind`, it is told by the channels. With `guess`, settings of the runs are read
+    from the names of the files if they seem to be there and nowhere else.
     """
     benches = {k: Needs.of(config, k) for k in ([kind] if kind else KINDS)}
     sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
@@ -168,24 +142,23 @@ def _step(time: np.ndarray) -> float:
     return step if step > 0 else np.nan
 
 
-def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
-    """Return the runs of a recording, in the order of their first sample."""
+def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[dict[str, Any]]:
+    """Return a row per run: its settings, the speed or force it reached, its length, its gaps."""
     sensors = pd.DataFrame({name: x for name, x in columns.items() if x.dtype != object})
-    label = columns[schemas.table(kind).label]
-    return [_run_view(str(run), of, kind) for run, of in sensors.groupby(label, sort=False)]
-
-
-def _run_view(label: str, run: pd.DataFrame, kind: str) -> RunView:
-    """Return what is seen of a run: its length, its settings, the speed or force it reached."""
-    settings = {n: float(run[n].median()) for n in SETTINGS if n in run and run[n].count()}
     speed = "driver_speed_rad_s" if kind == "speedloss" else "pulley_speed_rad_s"
-    if speed in run and run[speed].count():
-        turning = run[speed].abs()
-        # omit the rest phase; the highest samples alone would show sensor noise
-        settings[speed] = float(turning[turning >= 0.5 * turning.quantile(0.9)].median())
-    if kind == "press":
-        settings["force_N"] = float(run["force_N"].abs().max())
-    time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
-    step = _step(time)
-    gaps = time[:-1][np.diff(time) > GAP * step].tolist()
-    return RunView(label, len(run), float(time[-1] - time[0]), 1.0 / step, gaps, settings)
+    rows = []
+    for label, run in sensors.groupby(columns[schemas.table(kind).label], sort=False):
+        row: dict[str, Any] = {"run": str(label)}
+        row |= {n: float(run[n].median()) for n in SETTINGS if n in run and run[n].count()}
+        if speed in run and run[speed].count():
+            turning = run[speed].abs()
+            # omit the rest phase; the highest samples alone would show sensor noise
+            row[speed] = float(turning[turning >= 0.5 * turning.quantile(0.9)].median())
+        if kind == "press":
+            row["force_N"] = float(run["force_N"].abs().max())
+        time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
+        step = _step(time)
+        gaps = time[:-1][np.diff(time) > GAP * step][:5].tolist()
+        row |= {"duration_s": float(time[-1] - time[0]), "samples": len(run)}
+        rows.append(row | {"rate_Hz": 1.0 / step if step > 0 else None, "gaps_at_s": gaps or None})
+    return rows

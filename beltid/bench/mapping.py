@@ -29,7 +29,7 @@ from beltid.bench.names import (
 from beltid.bench.numbers import NumberSigns, written_as
 from beltid.bench.raw import Field, Raw, first_texts
 from beltid.config import Config
-from beltid.config.model import KINDS
+from beltid.config.model import KINDS, DialectSection
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, Table
@@ -42,11 +42,6 @@ from beltid.tables.units import (
     conversion,
 )
 
-DIALECT: Final[Mapping[str, Any]] = {
-    **dict.fromkeys(("separator", "decimal", "thousands", "encoding", "names")),
-    "skip_lines": 0,
-}
-"""What is None is detected from the file."""
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")  # units of raw signals, which need a calibration
 NO_UNIT: Final = ("", "-", "1")
 FORCES: Final[tuple[str, ...]] = (
@@ -67,11 +62,11 @@ class Needs:
 
     table: Table
     names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
-    units: Mapping[str, str | Calibration] = field(default_factory=dict)
+    units: Mapping[str, str | Mapping[str, float]] = field(default_factory=dict)
     pattern: str | None = None  # of the file names, with label and settings
     run_table: Path | None = None  # with a row per file
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
-    dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
+    dialect: DialectSection = field(default_factory=DialectSection)
     measures: tuple[str, str] = ("two_cells", "tight")  # by the config, and the span of a weight
     rig: Mapping[str, str] = field(default_factory=dict)  # what the channels show
     problems: Problems = field(default_factory=Problems)
@@ -82,21 +77,15 @@ class Needs:
         table = schemas.table(kind)
         if config is None:
             return cls(table)
-        dialect = {name: getattr(config.dialect, name) for name in DIALECT}
-        if dialect["decimal"] is not None and dialect["decimal"] == dialect["thousands"]:
-            raise InputError(
-                f'config: dialect.decimal and dialect.thousands are both "{dialect["decimal"]}", '
-                "must differ"
-            )
         kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
-        runs, rig = config.runs[kind], config.rig
-        units = {
-            n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
-            for n, u in config.units[kind].items()
-        }
+        runs, rig, dialect = config.runs[kind], config.rig, config.dialect
+        if dialect.decimal is not None and dialect.decimal == dialect.thousands:
+            both = f'dialect.decimal and dialect.thousands are both "{dialect.decimal}"'
+            raise InputError(f"config: {both}, must differ")
         weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
-        stated = runs["pattern"], runs["table"], weight | runs["values"]
-        return cls(table, config.columns[kind], units, *stated, dialect, (rig.kind, rig.weight_on))
+        of_runs = runs["pattern"], runs["table"], weight | runs["values"]
+        named, measures = config.columns[kind], (rig.kind, rig.weight_on)
+        return cls(table, named, config.units[kind], *of_runs, dialect, measures)
 
     @property
     def kind(self) -> str:
@@ -201,11 +190,11 @@ def in_groups(channels: Sequence[Channel]) -> list[Channel]:
     ]
 
 
-def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, Any]) -> list[Channel]:
+def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[Channel]:
     """Return the fields of a header as channels: a field is a column of one row."""
     channels = []
     for entry in map(_with_unit_apart, dict.fromkeys(fields)):
-        signs = NumberSigns.of([entry.text], dialect["decimal"], dialect["thousands"])
+        signs = NumberSigns.of([entry.text], dialect.decimal, dialect.thousands)
         frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
         raw = Raw("", frame, units={entry.name: entry.unit}, signs=signs)
         channels.append(Channel(raw, entry.name, entry.name, "header field"))
@@ -268,7 +257,7 @@ def _can_be(channel: Channel, column: Column) -> bool:
 
 
 def _without_number(channel: Channel) -> str:
-    return simplified(without_unit(channel.base)).rstrip("0123456789 ")
+    return simplified(channel.base).rstrip("0123456789 ")
 
 
 def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
@@ -328,11 +317,11 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
 
     if canonical_unit(str(stated)) == "rad/s" and channel.is_in_rpm_by_name:
         return ask("is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}")
+    setting: Calibration | Conversion | None = None
     if isinstance(stated, str):
-        setting: Calibration | Conversion | None = calibration(stated, ours)
-        setting = setting or conversion(stated, ours)
-    else:
-        setting = stated
+        setting = calibration(stated, ours) or conversion(stated, ours)
+    elif stated is not None:
+        setting = Calibration(stated["factor"], stated["offset"])
     if isinstance(setting, Calibration):
         wrong = f"is in {unit}, but the calibration of the config is for {setting.per}"
         return setting.conversion(unit) or f"{found.shown} {wrong}"
@@ -418,10 +407,7 @@ def refuse_missing(
 
 
 def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:
-    """Return the kind of recording that explains most channels, and whether all sensors are there.
-
-    "" if several kinds fit alike.
-    """
+    """Return the kind of recording that channels are, "" if several fit alike; if it is whole."""
     ranks = {}
     for needs in benches:
         has = {*meant(channels, needs)}

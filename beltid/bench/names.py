@@ -103,9 +103,8 @@ def _vocabulary() -> dict[str, Words]:
         keys, _, added = rest.partition(" / ")
         fillers = {f for f in added.split() if f[0] != "@"}
         fillers.update(*(words[f[1:]].fillers for f in added.split() if f[0] == "@"))
-        longest_first = sorted(keys.split(", "), key=len, reverse=True)
-        patterns = (re.compile(rf"\b{re.escape(key)}\b") for key in longest_first)
-        words[role] = Words(tuple(patterns), frozenset(fillers))
+        patterns = tuple(re.compile(rf"\b{re.escape(key)}\b") for key in keys.split(", "))
+        words[role] = Words(patterns, frozenset(fillers))
     return words
 
 
@@ -120,8 +119,9 @@ def simplified(name: str) -> str:
 
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     """Return our columns of a kind of recording that a channel's name can mean."""
-    plain = simplified(name)
-    return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
+    plain, columns = simplified(name), (*schemas.table(kind).names, "file")
+    words = _vocabulary()
+    return tuple(r for r in words if r in columns and plain and words[r].mean(plain))
 
 
 def span_of(name: str) -> str:
@@ -130,10 +130,3 @@ def span_of(name: str) -> str:
     spans = ("tight", "slack")
     told = [s for s in spans if any(key.search(plain) for key in words[f"tension_{s}_N"].keys)]
     return told[0] if len(told) == 1 else ""
-
-
-@functools.cache
-def _words_of(kind: str) -> tuple[tuple[str, Words], ...]:
-    """Return the columns of a kind of recording, or of a table of its runs, with their words."""
-    columns = (*schemas.table(kind).names, "file")
-    return tuple((role, words) for role, words in _vocabulary().items() if role in columns)

@@ -42,32 +42,17 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
 class Recording:
     """A recording of a bench, validated.
 
-    Attributes
-    ----------
-    kind : str
-        "press", "rig" or "speedloss"; "points" for a table with a row per plateau of the rig.
-    columns : dict of str to ndarray
-        The columns of the schema in its order and units: float64 with nan for missing numbers,
-        object arrays of str for labels. An optional column that the file lacks is all nan.
-    path : Path
-        The file.
-    notes : tuple of str
-        Notes on what was recognised, left out or missing.
-    found : dict
-        Our columns -> how they were read; empty if the file has our own columns.
-    is_artifact : bool
-        Whether it is a simulated recording: an artifact of ours.
-    rig : mapping of str to str
-        What its channels show of the rig: its kind, what it holds, whether the belt is running.
+    Its columns are those of the schema, in their order and units: float64 with nan for missing
+    numbers, object arrays of str for labels; an optional one that the file lacks is all nan.
     """
 
-    kind: str
+    kind: str  # "press", "rig" or "speedloss"; "points" for a row per plateau of the rig
     columns: dict[str, np.ndarray]
     path: Path
-    notes: tuple[str, ...] = ()
-    found: dict[str, Found] = field(default_factory=dict)
-    is_artifact: bool = False
-    rig: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # on what was recognised, left out or missing
+    found: dict[str, Found] = field(default_factory=dict)  # our columns -> how they were read
+    is_artifact: bool = False  # a simulated recording: an artifact of ours
+    rig: Mapping[str, str] = field(default_factory=dict)  # its kind, what it holds, if running
 
     @property
     def n_samples(self) -> int:
@@ -76,22 +61,11 @@ class Recording:
 
 
 def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording:
-    """Read a recording and check that it is plausible.
+    """Read a recording and check that it is plausible; InputError with all errors, by their lines.
 
-    Parameters
-    ----------
-    path : path
-        A file of any format that benches write, plain, in a zip file or packed with gzip; or a
-        folder or a pattern such as ``runs/*.lvm`` with a file per run.
-    kind : {"press", "rig", "speedloss", "points"}
-        Kind of recording; a file of the rig without a time is a table of plateaus, "points".
-    config : Config, optional
-        Names, units and dialect of the bench's files, and where to find settings of the runs.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its line.
+    `path` is a file of any format that benches write, plain, in a zip file or packed with gzip; or
+    a folder or a pattern such as ``runs/*.lvm`` with a file per run. A file of the rig without a
+    time is a table of plateaus.
     """
     path, needs, parts = Path(path), Needs.of(config, kind), list[Part]()
     sources = sources_of(path, [needs.run_table] if needs.run_table else [])
@@ -192,19 +166,12 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     notes += checker.run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    rig = _shown_by(columns, needs)
-    return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
-
-
-def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]:
-    """Return what the columns of a recording show of the rig."""
     rig = dict(needs.rig)
     if needs.table.kind == "points":
-        known = (c for c, values in columns.items() if not absent(values).all())
-        rig = rig_of(dict.fromkeys(known, ()))
+        rig = rig_of({name: () for name, values in columns.items() if not absent(values).all()})
     if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
         rig["running"] = "yes"
-    return rig
+    return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
 
 def _simulated(path: Path, kind: str) -> Recording | None:
@@ -232,21 +199,10 @@ def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
-    """Return a recording in memory, checked like a file.
+    """Return a recording in memory, checked like a file; InputError with all errors, by their rows.
 
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table, mapping or Recording
-        The samples; columns that the kind does not have are ignored.
-    kind : {"press", "rig", "speedloss", "points"}
-        Kind of recording.
-    config : Config, optional
-        Names and units of the columns.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its row.
+    `frame` is a DataFrame, pyarrow Table, mapping of columns or `Recording`; columns that the kind
+    does not have are ignored.
     """
     needs = Needs.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):

@@ -236,21 +236,13 @@ class Checker:
         self._report_unit(self.name, column, values, f"if it is in {guess}, say so", guess)
         return True
 
-    def _report_unit(
-        self, place: str, column: Column, values: np.ndarray, advice: str, unit: str
-    ) -> None:
-        span = f"lies between {np.nanmin(values):g} and {np.nanmax(values):g}"
-        say = self.needs.say("units", column.name, unit)
-        self.problems.add(
-            f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}: {say}"
-        )
-
     def _compare_runs(self, column: Column) -> None:
         """Report runs whose numbers are in another unit than those of the others."""
         values, idle = self.columns[column.name], self.columns.get("idle")
         runs = pd.Series(values).groupby(self.codes)
-        low, high = runs.min(), runs.max()
-        size = (high - low) / 2 if column.unit == "mm" else high.abs().combine(low.abs(), max)
+        size = (runs.max() - runs.min()) / 2
+        if column.unit == "N":
+            size = pd.Series(np.abs(values)).groupby(self.codes).max()
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
             rows = runs.indices[run]
             guess = other_unit(column, self.table.kind, values[rows])
@@ -259,29 +251,33 @@ class Checker:
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)
 
+    def _report_unit(
+        self, place: str, column: Column, values: np.ndarray, advice: str, unit: str
+    ) -> None:
+        span = f"lies between {np.nanmin(values):g} and {np.nanmax(values):g}"
+        why = f"not plausible in {column.unit}; {advice}"
+        say = self.needs.say("units", column.name, unit)
+        self.problems.add(f"{place}: {column.name} {span}, {why}: {say}")
+
     def _settings(self) -> None:
         """Fill in settings that only some rows of a run state; report those that change in it."""
         codes = self.codes
-        for column in (*NOMINAL, *RUN_TEXTS):
-            values = self.columns.get(column)
-            if values is None:
-                continue
+        for name in [name for name in (*NOMINAL, *RUN_TEXTS) if name in self.columns]:
+            values = self.columns[name]
             first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
             stated = ~absent(values) & (codes >= 0)
             differ = (values != first) & stated
             if values.dtype != object:
                 differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
-            rows = np.flatnonzero(differ)
-            _, at = np.unique(codes[rows], return_index=True)  # report the first of every run
-            self._report(
-                rows[np.sort(at)],
-                lambda i, v=values, e=first, c=column: (  # type: ignore[misc]
-                    f"{c} = {shown_value(v[i])}, must stay {shown_value(e[i])} within "
-                    f"{self.table.label} {self.label[i]} (is the label used twice?)"
-                ),
-            )
+            rows = pd.Series(codes[differ], np.flatnonzero(differ)).drop_duplicates().index
+            said = {
+                row: f"{name} = {shown_value(values[row])}, must stay {shown_value(first[row])} "
+                f"within {self.table.label} {self.label[row]} (is the label used twice?)"
+                for row in rows
+            }
+            self._report(rows.to_numpy(), said.__getitem__)
             if not stated.all():
-                self.columns[column] = np.where(stated | (codes < 0), values, first)
+                self.columns[name] = np.where(stated | (codes < 0), values, first)
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""

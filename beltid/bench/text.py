@@ -24,6 +24,7 @@ from beltid.bench.names import distinct_names
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.raw import Raw
 from beltid.bench.sheets import MAX_COLUMNS, SEARCHED, Head, find_head, head_at, is_sample
+from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import RECORDINGS, table
 
@@ -42,16 +43,16 @@ _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
 """Names by which an export of testXpert is known."""
 
 
-def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+def read(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
     data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
         file.readinto(data)
-    data, encoding, notes = as_utf8(data, place, dialect["encoding"])
+    data, encoding, notes = as_utf8(data, place, dialect.encoding)
     top = _top(data, place)
-    kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
+    kept = ["" if i < dialect.skip_lines else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect)
-    if separator != "," and not dialect["separator"]:
+    if separator != "," and not dialect.separator:
         notes.append(f"separator {separator!r} found in the header")
     del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
     body: Bytes = data
@@ -111,16 +112,16 @@ def _top(data: bytearray, place: str) -> list[str]:
     return [line.decode() for line in top]
 
 
-def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[Head, str]:
+def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head, str]:
     """Find header and separator."""
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
     filled = [i for i, line in enumerate(top) if not remark.match(line)]
     if not filled:
         raise InputError(f"{place}: is empty: it holds no header in {len(top)} lines")
     first, second = filled[0], filled[min(1, len(filled) - 1)]
-    separators = (dialect["separator"],) if dialect["separator"] else SEPARATORS
+    separators = (dialect.separator,) if dialect.separator else SEPARATORS
     rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
-    if names := dialect["names"]:
+    if names := dialect.names:
         sign = max(rows, key=lambda sign: (len(rows[sign][first]) == len(names), sign != " "))
         if (count := len(rows[sign][first])) != len(names):
             stated = f"dialect.names states {len(names)} names"
@@ -171,10 +172,10 @@ def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
 
 
 def _signs(
-    columns: Mapping[str, list[str]], dialect: Mapping[str, Any], place: str, notes: list[str]
+    columns: Mapping[str, list[str]], dialect: DialectSection, place: str, notes: list[str]
 ) -> NumberSigns:
     """Detect the number signs in the first rows; InputError if numbers contradict each other."""
-    decimal, thousands = dialect["decimal"], dialect["thousands"]
+    decimal, thousands = dialect.decimal, dialect.thousands
     cells = (cell for column in columns.values() for cell in column)
     signs = NumberSigns.of(cells, decimal, thousands)
     if decimal is None and signs.decimal == ",":

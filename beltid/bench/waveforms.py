@@ -25,6 +25,7 @@ from beltid.bench.raw import (
     tables_of,
     unapplied_scaling,
 )
+from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -34,8 +35,6 @@ _TECHNICAL: Final = re.compile(
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )
 """Header keys that describe the format, not the measurement."""
-_START: Final = "\0start"
-"""Name of the field with the absolute start of a segment [s from 1970-01-01]."""
 Header = dict[str, list[str]]
 
 
@@ -154,25 +153,26 @@ def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> W
 # --- LabVIEW measurements ------------------------------------------------------------------------
 
 
-def read_lvm(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
-    data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect["encoding"])
+    data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect.encoding)
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)
     sign = found[1] if found else "\t"
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
-    problems, parts, end = Problems(), list[list[Raw]](), 0
+    problems, parts, end = Problems(), list[list[tuple[Raw, float]]](), 0
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
         rasters = _segment(lines, (at, end), own, place, problems)
-        if len(rasters) == 1 and parts and _continues(parts[-1][-1], rasters[0]):
-            parts[-1] += rasters
+        start = _start(own)
+        if len(rasters) == 1 and parts and _continues(*parts[-1][-1], rasters[0], start):
+            parts[-1].append((rasters[0], start))
         else:
-            parts += [[raster] for raster in rasters]
+            parts += [[(raster, start)] for raster in rasters]
         if problems.count > SHOWN:
             break
     problems.raise_if_any()
@@ -180,7 +180,8 @@ def read_lvm(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw
         raise InputError(f"{place}: holds no samples, only a header")
     for number, part in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
-        yield replace(_concatenated(part), name=name, encoding=encoding, notes=tuple(notes))
+        whole = _concatenated([raw for raw, _ in part])
+        yield replace(whole, name=name, encoding=encoding, notes=tuple(notes))
 
 
 def _header(lines: Sequence[Sequence[str]]) -> Header:
@@ -238,7 +239,7 @@ def _segment(
     form = "LabVIEW measurement (.lvm)"
     return [
         replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
-        for raw in tables_of(place, "", form, found, [*fields, *_start(header)])
+        for raw in tables_of(place, "", form, found, fields)
     ]
 
 
@@ -255,25 +256,23 @@ def _time(
     return None if written is None else in_seconds(written, _cell(header, "X_Unit_Label", k), place)
 
 
-def _start(header: Header) -> list[Field]:
-    """Return the absolute start of a segment, in seconds from 1970-01-01."""
+def _start(header: Header) -> float:
+    """Return the absolute start of a segment [s from 1970-01-01], nan if it is not told."""
     text = f"{_cell(header, 'Date')} {_cell(header, 'Time').replace(',', '.')}"
     start = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", text), errors="coerce")
-    return [] if pd.isna(start) else [Field(_START, repr(start.timestamp()))]
+    return float("nan") if pd.isna(start) else float(start.timestamp())
 
 
-def _continues(before: Raw, after: Raw) -> bool:
+def _continues(before: Raw, start: float, after: Raw, later: float) -> bool:
     """Return whether a segment starts one time step after the end of the previous one."""
     if list(before.frame) != list(after.frame) or TIME not in after.frame or len(before.frame) < 2:
         return False
     a, b = (raw.frame[TIME].to_numpy() for raw in (before, after))
     step = (a[-1] - a[0]) / (len(a) - 1)
-    if abs(b[0] - a[-1] - step) <= 0.5 * step:
-        return True
-    starts = [float(f.text) for raw in (before, after) for f in raw.fields if f.name == _START]
-    if len(starts) < 2 or starts[0] == starts[1]:
-        return False
-    return bool(abs((starts[1] + b[0]) - (starts[0] + a[-1]) - step) <= 1.5 * step)
+    gap = b[0] - a[-1] - step
+    return bool(
+        abs(gap) <= 0.5 * step or (start != later and abs(gap + later - start) <= 1.5 * step)
+    )
 
 
 def _concatenated(part: Sequence[Raw]) -> Raw:
@@ -288,6 +287,5 @@ def _concatenated(part: Sequence[Raw]) -> Raw:
     return replace(
         part[0],
         frame=pd.concat(frames, ignore_index=True),
-        fields=tuple(f for f in part[0].fields if f.name != _START),
         lines=np.concatenate([np.asarray(raw.lines) for raw in part]),
     )

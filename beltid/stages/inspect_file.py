@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.inspection import Inspection, RunView, inspect_recording, ranges
+from beltid.bench.inspection import Inspection, inspect_recording, ranges
 from beltid.config import Config, ConfigSource, load_config
 from beltid.config.loading import effective_values
 from beltid.config.model import KINDS
@@ -89,8 +89,8 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
         facts=_facts(inspection),
         table=rows,
         shown=tuple(n for n in next(iter(rows), {}) if n != "first"),  # terminals have 80 columns
-        extra_tables={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
-        details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
+        extra_tables={"runs": runs[:SHOWN_RUNS]} if runs else {},
+        details={"all runs": runs} if len(runs) > SHOWN_RUNS else {},
         notes=inspection.notes,
         warnings=problems,
         verdict=verdict,
@@ -109,11 +109,11 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
     }
     if not runs:
         return facts
-    facts |= {"runs": len(runs), "samples": sum(run.n_samples for run in runs)}
+    facts |= {"runs": len(runs), "samples": sum(run["samples"] for run in runs)}
     for name in ("arc_deg", "initial_tension_N"):
-        if values := sorted({run.settings[name] for run in runs if name in run.settings}):
+        if values := sorted({run[name] for run in runs if name in run}):
             facts[name] = values
-    return facts | {"runs_with_gaps": sum(1 for run in runs if run.gaps)}
+    return facts | {"runs_with_gaps": sum(1 for run in runs if run["gaps_at_s"])}
 
 
 def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
@@ -131,20 +131,6 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
             }
     empty = [n for n in ("rate_Hz", "read_as") if not any(r[n] for r in rows.values())]
     return [{n: v for n, v in row.items() if n not in empty} for row in rows.values()]
-
-
-def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
-    return [
-        {
-            "run": run.label,
-            **run.settings,
-            "duration_s": run.duration_s,
-            "samples": run.n_samples,
-            "rate_Hz": plain(run.rate_Hz),
-            "gaps_at_s": list(run.gaps[:5]) or None,
-        }
-        for run in runs
-    ]
 
 
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
@@ -288,7 +274,7 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
         return {}
     values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
     for key, (columns, gap) in SETTINGS.items():
-        recorded = [r.settings[c] for r in inspection.runs for c in columns if c in r.settings]
+        recorded = [run[c] for run in inspection.runs for c in columns if c in run]
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:

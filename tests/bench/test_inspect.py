@@ -96,16 +96,6 @@ def test_units_not_stated_are_in_the_section_to_be_uncommented(tmp_path):
     assert inspect(path, "-c", config)[0] == 0
 
 
-def test_two_forces_with_a_pulley_are_a_rig_not_a_press(tmp_path):
-    header = "Zeit;Ch 1 Kraft [N];C_2_Force[kN];n_Scheibe [1/min];Umschlingung [deg]"
-    rows = [f"13:45:0{k},125;1000,85;0,2{k};12,5;82" for k in range(10)]
-    found = inspect(text(tmp_path, "r.csv", header, *rows))[1]
-    assert found["facts"]["kind"] == "rig"
-    read_as = {row["channel"]: row["read_as"] for row in found["table"]}
-    assert read_as["n_Scheibe [1/min]"] == "pulley_speed_rad_s"
-    assert read_as["Umschlingung [deg]"] == "arc_deg"
-
-
 def test_specimens_side_by_side_can_be_pasted_and_chosen(tmp_path):
     names = ["Weg [mm]", "Kraft [N]"] * 3
     forces = [[10.0 * (s + 1) * i for i in range(20 - s)] for s in range(3)]  # each of its length

@@ -14,31 +14,20 @@ from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.tables import schemas
 
-N = 60
 CHANNELS = {
-    "two_cells": "Zugtrum [N],Leertrum [N]",
-    "dead_weight": "weight_N,Leertrum [N]",
-    "torque": "Drehmoment [N m],Zugtrum [N]",
-    "torque_hub": "Drehmoment [N m],Wellenbelastung [N]",
+    "two_cells": ("Zugtrum [N],Leertrum [N]", 140, 70),
+    "dead_weight": ("weight_N,Leertrum [N]", 140, 70),
+    "torque": ("Drehmoment [N m],Zugtrum [N]", 3.5, 140),
+    "torque_hub": ("Drehmoment [N m],Wellenbelastung [N]", 3.5, 150),
 }
-VALUES = {
-    "two_cells": (140.0, 70.0),
-    "dead_weight": (140.0, 70.0),
-    "torque": (3.5, 140.0),
-    "torque_hub": (3.5, 150.0),
-}
+"""What is measured -> the names of two channels, and their values while the pulley turns."""
 
 
 def write(folder: Path, kind: str, *, more: str = "", value: str = "") -> Path:
-    """A run of a bench of a kind: at rest, then sliding."""
-    first, second = VALUES[kind]
-    lines = [f"run,time_s,{CHANNELS[kind]},pulley_speed_rad_s,arc_deg,initial_tension_N{more}"]
-    for k in range(N):
-        turns = k >= 20
-        a = first if turns or kind == "dead_weight" else 0.5 * first
-        b = second if turns else 0.5 * (second + 140.0)
-        speed = 0.2 if turns else 0.0
-        lines.append(f"R1,{0.05 * k},{a},{b},{speed},82,100{value}")
+    """A run of a bench of a kind."""
+    names, first, second = CHANNELS[kind]
+    lines = [f"run,time_s,{names},pulley_speed_rad_s,arc_deg,initial_tension_N{more}"]
+    lines += [f"R1,{0.05 * k},{first},{second},{0.2 * (k > 19)},82,100{value}" for k in range(60)]
     path = folder / "rig.csv"
     path.write_text("\n".join(lines) + "\n")
     return path
