@@ -193,20 +193,17 @@ def with_pooled(rows: Rows) -> Rows:
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
     """Return a row per force of the averaged surface, with a column per speed."""
-    surface, (low, high) = sheet.surface, sheet.measured_force or (np.inf, -np.inf)
-    shown = np.full(surface.mu_nodes.shape, np.nan)
-    if errors and surface.mu_se_nodes is not None:
-        shown = surface.mu_se_nodes
-    rows = []
-    for i, force in enumerate(surface.normal_force_N_m.tolist()):
-        row: dict[str, Any] = {"normal_force_N_m": force}
+    low, high = sheet.measured_force or (np.inf, -np.inf)
+    error = sheet["mu_u" if "mu_u" in sheet.columns else "mu_se"]
+    rows: dict[float, dict[str, Any]] = {}
+    for i in np.flatnonzero(np.isnan(sheet["arc_deg"])).tolist():
+        force, speed = (float(sheet[n][i]) for n in ("normal_force_N_m", "slip_speed_m_s"))
+        row = rows.setdefault(force, {"normal_force_N_m": force})
         if low <= high:
             row["range"] = "measured" if low <= force <= high else "inferred"
-        for j, v in enumerate(surface.slip_speed_m_s.tolist()):
-            error = f" ± {shown[i, j]:.2g}" if np.isfinite(shown[i, j]) else ""
-            row[f"{1e3 * v:.3g} mm/s"] = cell("mu", surface.mu_nodes[i, j]) + error
-        rows.append(row)
-    return rows
+        known = f" ± {error[i]:.2g}" if errors and np.isfinite(error[i]) else ""
+        row[f"{1e3 * speed:.3g} mm/s"] = cell("mu", sheet["mu"][i]) + known
+    return list(rows.values())
 
 
 def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]) -> Rows:
