@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import pytest
 import twin
@@ -137,8 +134,6 @@ def test_a_singular_matrix_is_not_factorized() -> None:
 
 def test_a_kernel_without_a_place_for_its_cache_is_compiled_all_the_same() -> None:
     """As in a container with files that cannot be written and without a home."""
-    source: dict[str, Any] = {}
+    source: dict = {}
     exec(compile("def twice(x):\n    return 2 * x\n", "/nowhere/kernels.py", "exec"), source)
-    with pytest.raises(RuntimeError, match="no locator"):
-        numba.njit(cache=True)(source["twice"])
     assert kernel(source["twice"])(2.0) == 4.0

@@ -15,7 +15,6 @@ from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Contact
 from beltid.rig.mesh import touchdown
 from beltid.rig.runs import SimulationSettings, campaign, simulate
 
@@ -152,4 +151,3 @@ def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_
 def test_wrong_settings_are_refused(settings: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
         SimulationSettings(**settings)
-    assert Contact().points_per_element == 5
