@@ -41,7 +41,7 @@ from beltid.errors import NumericsError
 Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
-LEAST_CURVED = 1e-4  # magnitude of a curvature, in units of its diagonal, that a step divides by
+LEAST_CURVED = 1e-4  # least magnitude of a curvature there, in units of its diagonal
 SMALLEST = -300.0  # ln of a size, whose inverse square is still a number
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 
@@ -165,26 +165,21 @@ class Mixed:
         self.X = np.concatenate([np.zeros((R, m, 0)), *columns], axis=2)
         ends = np.cumsum([0, *(c.shape[2] for c in columns)])
         self.places = {t.name: slice(a, b) for t, a, b in zip(shared, ends, ends[1:], strict=False)}
-        self.one: Array | None = None
-        self.offset = np.zeros(R)  # levels that are taken off the data: fewer digits are lost
-        if level is not None:
-            self.one = np.asarray(level, dtype=float).reshape(R, m)
-            squares = np.sum(self.one**2, axis=1)
-            self.offset = np.sum(self.one * self.y, axis=1) / np.where(squares > 0.0, squares, 1.0)
-            self.y = self.y - self.offset[:, None] * self.one
+        self.one = (np.zeros((R, m)) if level is None else np.asarray(level, float)).reshape(R, m)
+        squares = np.sum(self.one**2, axis=1)
+        # levels are taken off the data: fewer digits are lost
+        self.offset = np.sum(self.one * self.y, axis=1) / np.where(squares > 0.0, squares, 1.0)
+        self.y = self.y - self.offset[:, None] * self.one
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), (R,))
         self.parts = np.array([term.per_unit(R, m) for term in self.own])
         # a row without any variance is padding: it gets a variance of its own and tells nothing
-        empty = ~np.any(np.einsum("krii->kri", self.parts), axis=0)
-        self.padding = empty[..., None] * np.eye(m)
+        self.padding = ~np.any(np.einsum("krii->kri", self.parts), axis=0)[..., None] * np.eye(m)
         self.m0, self.positive = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=bool)
         self.units: list[tuple[Shared, Array, int, float]] = []
         for term in self.shared:
             place = self.places[term.name]
             self.m0[place], self.positive[place] = term.mean, term.positive
-            flat = term.size is None and term.precision is None and not term.choices
-            k = place.stop - place.start
-            unit = np.zeros((k, k)) if flat else np.eye(k)
+            unit = np.eye(place.stop - place.start) * (term.size is not None or bool(term.choices))
             unit = unit if term.precision is None else term.precision
             values = np.linalg.eigvalsh(unit)
             values = values[values > 1e-10 * values.max(initial=0.0)]
@@ -194,8 +189,7 @@ class Mixed:
         sized += [(t.name, t.size) for t in self.own]
         self.names = [name for name, _ in sized]
         self.mid = np.log([size.median for _, size in sized])
-        width = np.array([size.width for _, size in sized])
-        self.tightness = np.divide(1.0, width, out=np.zeros(width.size), where=width > 0.0)
+        self.tightness = np.array([1.0 / s.width if s.width > 0.0 else 0.0 for _, s in sized])
         self.top = np.log([size.largest for _, size in sized])
         self.q = np.where(self.positive, self.m0, 0.0)[None]  # modes found last
 
@@ -223,13 +217,17 @@ class Mixed:
             posterior, slope = self._evaluate(theta)
             return -posterior.log_evidence, -slope[free]
 
-        options = {"maxiter": steps, "ftol": tolerance, "gtol": 1e-6}
         # not of every size: a box that is closed all around lets the first step go anywhere
         lowest = self.mid - np.divide(FAR, self.tightness, out=np.zeros(free.size), where=free)
         lowest[: free.size - len(self.own)] = -np.inf
         bounds = np.column_stack([lowest, self.top])[free]
         found = minimize(
-            cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
+            cost,
+            theta[free],
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"maxiter": steps, "ftol": tolerance, "gtol": 1e-6},
         )
         theta[free] = found.x
         return replace(self._evaluate(theta)[0], converged=bool(found.success))
@@ -249,14 +247,12 @@ class Mixed:
         V = self.padding + np.tensordot(variances, self.parts, axes=1)
         P, log_det = np.linalg.inv(V), np.linalg.slogdet(V)[1]
         freedom = V.shape[1] - np.einsum("rii->r", self.padding)
-        weights, precision = np.zeros(self.y.shape), np.ones(len(V))
-        if self.one is not None:
-            weights = np.einsum("rij,rj->ri", P, self.one)
-            precision = np.sum(self.one * weights, axis=1)
-            has_level = precision > 0.0
-            precision = np.where(has_level, precision, 1.0)
-            P = P - weights[:, :, None] * (weights / precision[:, None])[:, None, :]
-            log_det, freedom = log_det + np.log(precision), freedom - has_level
+        weights = np.einsum("rij,rj->ri", P, self.one)
+        precision = np.sum(self.one * weights, axis=1)
+        has_level = precision > 0.0
+        precision = np.where(has_level, precision, 1.0)
+        P = P - weights[:, :, None] * (weights / precision[:, None])[:, None, :]
+        log_det, freedom = log_det + np.log(precision), freedom - has_level
         PX = (P / scale[:, None, None]) @ self.X
         M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
         squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
@@ -324,7 +320,7 @@ class Mixed:
         positive = self.positive
         q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
         value, h = self._cost(q, M, b, Q)
-        for _ in range(NEWTON):
+        for turn in range(NEWTON):
             # along ln(1 + step) of a positive coefficient, h and so the data change linearly
             D, pull = np.where(positive, h, 1.0), (Q @ (q - self.m0)[..., None])[..., 0]
             H, slope = D[:, :, None] * M * D[:, None, :] + Q, D * (h @ M - b) + pull
@@ -334,8 +330,11 @@ class Mixed:
                 break
             try:
                 step = -_solve(H - _diagonal(positive * pull), slope[..., None])[..., 0]
-            except NumericsError:
-                step = -_away_from_saddles(H - _diagonal(positive * pull), slope)
+            except NumericsError:  # not convex here, or even a saddle
+                convex = H + _diagonal(positive * np.maximum(-pull, 0.0))
+                if turn > NEWTON // 2:
+                    convex = _absolute(H - _diagonal(positive * pull))
+                step = -_solve(convex, slope[..., None])[..., 0]
             fall = -step[:, positive].min(axis=1, initial=0.0)
             part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
             while True:
@@ -376,12 +375,12 @@ def _diagonal(x: Array) -> Array:
     return np.asarray(x[:, :, None] * np.eye(x.shape[1]))
 
 
-def _away_from_saddles(H: Array, slope: Array) -> Array:
-    """Solve with the magnitudes of the curvatures where H (K, k, k) is not convex, (K, k)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.einsum("kii->ki", H)), 1e-300))
-    curvature, V = np.linalg.eigh(H * scale[:, :, None] * scale[:, None, :])
-    along = np.einsum("kji,kj->ki", V, scale * slope) / np.maximum(np.abs(curvature), LEAST_CURVED)
-    return np.asarray(scale * np.einsum("kij,kj->ki", V, along))
+def _absolute(H: Array) -> Array:
+    """Return matrices (K, k, k) with the magnitudes of the curvatures of H."""
+    scale = np.sqrt(np.maximum(np.abs(np.einsum("kii->ki", H)), 1e-300))[..., None]
+    curvature, V = np.linalg.eigh(H / scale / scale.swapaxes(1, 2))
+    size = np.maximum(np.abs(curvature), LEAST_CURVED)[:, None]
+    return np.asarray(scale * ((V * size) @ V.swapaxes(1, 2)) * scale.swapaxes(1, 2))
 
 
 def _solve(H: Array, B: Array) -> Array:
