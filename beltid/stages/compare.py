@@ -363,10 +363,10 @@ def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
         )
     table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
     shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
-    rows = table[table["pulley"] == loaded].set_index("run").assign(arc_share=shares)
+    rows = table[table["pulley"] == loaded].set_index("run")
     if not rows.index.isin(runs).any():
         raise InputError(f"{name}: has none of the runs of {getattr(slip, 'path', 'slip')}")
-    return rows.reindex(runs)
+    return rows.reindex(runs).assign(arc_share=shares)
 
 
 def _status(measured: str, predicted: str) -> str:
