@@ -52,9 +52,7 @@ class Recording:
     notes: tuple[str, ...] = ()  # on what was recognised, left out or missing
     found: dict[str, Found] = field(default_factory=dict)  # our columns -> how they were read
     is_artifact: bool = False  # a simulated recording: an artifact of ours
-    rig: Mapping[str, str] = field(
-        default_factory=dict
-    )  # its kind, what it holds, if running
+    rig: Mapping[str, str] = field(default_factory=dict)  # its kind, what it holds, if running
 
     @property
     def n_samples(self) -> int:

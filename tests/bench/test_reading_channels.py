@@ -52,15 +52,15 @@ def test_other_channels_are_not_taken_for_ours():
     assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
 
 
-def test_our_name_with_the_ending_of_another_unit_is_asked_for(tmp_path):
-    path = write(tmp_path, "time_s;displacement_mm;force_kN", PRESS_ROWS)
-    (found,) = problems(path, "press")
-    assert 'columns: {press: {force_N: "force_kN"}}' in found
-    columns = {"columns": {"press": {"force_N": "force_kN"}}}
-    (found,) = problems(path, "press", columns)
-    assert "may be in kN by its name" in found
-    found = read(path, "press", columns | {"units": {"press": {"force_N": "kN"}}}).columns
+def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
+    path = write(tmp_path, "time_ms;displacement_mm;force_kN", PRESS_ROWS)
+    found = read(path, "press").columns
     np.testing.assert_allclose(found["force_N"], [1e4, 2e4, 3e4], rtol=1e-12)
+    np.testing.assert_allclose(found["time_s"], [0.0, 0.001, 0.002], rtol=1e-12)
+    # an optional column that is not read would change what the others mean
+    rows = [f"{row};50" for row in RIG_ROWS]
+    found = read(write(tmp_path, RIG + ";belt_speed_mm_s", rows), "rig").columns
+    np.testing.assert_allclose(found["belt_speed_m_s"], 0.05, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["weg_mm", "x_tight"])
