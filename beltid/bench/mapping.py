@@ -34,6 +34,7 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
+    CONVERSIONS,
     Calibration,
     Conversion,
     allowed_units,
@@ -54,6 +55,21 @@ _IN_RPM: Final = re.compile(
 )
 """Names of speeds in turns per minute."""
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
+
+
+def _ending(unit: str) -> str:
+    return "_" + re.sub(r"[ /]", "_", unit)
+
+
+OTHER_UNITS: Final = {
+    column.name.removesuffix(_ending(column.unit)) + _ending(unit): (column.name, unit)
+    for kind in schemas.RECORDINGS
+    for column in schemas.table(kind).columns
+    if column.name.endswith(_ending(column.unit))
+    for unit in CONVERSIONS.get(column.unit, {})
+    if unit != column.unit
+}
+"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +146,8 @@ class Channel:
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
         exact = (self.name, f"{self.raw.name}/{self.key}")
-        return exact, (self.base,), (without_unit(self.key), without_unit(self.base))
+        bare = (without_unit(self.key), without_unit(self.base))
+        return exact, (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
 
     @property
     def shown(self) -> str:
@@ -139,9 +156,14 @@ class Channel:
         return f"{self.name} [{unit}]" if unit and not unit_in_name(self.key) else self.name
 
     @property
+    def unit_of_name(self) -> str:
+        """Unit at the end of the name."""
+        return unit_in_name(self.key) or OTHER_UNITS.get(self.base, ("", ""))[1]
+
+    @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
-        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not unit_in_name(self.key)
+        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
         return unitless and bool(_IN_RPM.search(self.key))
 
     @property
@@ -150,7 +172,7 @@ class Channel:
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
         unknown = IN_NAME.search(self.key)
-        by_name = unit_in_name(self.key) or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
         return by_name or (unknown[1].strip() if unknown else "")
 
 
@@ -264,7 +286,7 @@ def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
     """Find the channels that the config names for a column, or that have our name."""
     name, how = needs.names.get(role, role), "config" if role in needs.names else "own name"
     for called in (name, name[1:].strip()) if name.startswith("-") else (name,):
-        for way in range(3):  # the first way of naming that fits any decides
+        for way in range(4):  # the first way of naming that fits any decides
             if named := [c for c in channels if called in c.names[way]]:
                 return [Found(role, c, how, negated=called != name) for c in named]
     return []
@@ -327,7 +349,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting.conversion(unit) or f"{found.shown} {wrong}"
     if setting is not None:
         return setting
-    both = [u for u in (unit_in_name(channel.key), channel.unit_cell) if conversion(u, ours)]
+    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
     ending = channel.key.rpartition("_")[2] if channel.key != column.name else ""
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)

@@ -48,12 +48,11 @@ def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
         if _is_numbers(block) and not is_units_row(block[0]):
             above = filled[:at]
             units_row = above.pop() if at > 1 and is_units_row(rows[above[-1]]) else -1
-            names = tuple(rows[above[-1]])
-            if sum(1 for name in names if name and not is_number(name)) < 2:
+            if sum(1 for name in rows[above[-1]] if name and not is_number(name)) < 2:
                 return None
             fields = fields_of([rows[i] for i in above[:-1]])
             units = tuple(rows[units_row]) if units_row >= 0 else ()
-            return Head(names, units, above[-1], units_row, first_row, fields)
+            return Head(_names_of(rows, above), units, above[-1], units_row, first_row, fields)
     return None
 
 
@@ -64,6 +63,15 @@ def head_at(rows: Sequence[Sequence[str]], row: int) -> Head:
     if below < len(rows) and is_units_row(rows[below]):
         return Head(tuple(rows[row]), tuple(rows[below]), row, below, below + 1, fields)
     return Head(tuple(rows[row]), (), row, -1, below, fields)
+
+
+def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str, ...]:
+    """Return the column names; a blank one is taken from the row above (merged cells)."""
+    names = rows[above[-1]]
+    upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
+    if sum(map(bool, upper)) > 1:  # a title is one cell
+        names = [name or over for name, over in itertools.zip_longest(names, upper, fillvalue="")]
+    return tuple(names)
 
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:

@@ -5,7 +5,7 @@ A vector is a column, a number or text a header field, a struct or group of vect
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -46,10 +46,12 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 
 
 def _struct(members: Mapping[str, Any]) -> Variables:
-    """Return the members of a struct."""
+    """Return the members of a struct; one named units may hold those of the others."""
+    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
+    own = {name: value for name, value in members.items() if value is not units}
     return {
-        name: _struct(value) if isinstance(value, dict) else Variable(value)
-        for name, value in members.items()
+        name: _struct(value) if isinstance(value, dict) else Variable(value, units.get(name, ""))
+        for name, value in own.items()
     }
 
 
@@ -102,15 +104,9 @@ def _plain(value: Any) -> Any:
 
 
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
-    """Yield the tables in variables: of the vectors, and of each struct of vectors."""
+    """Yield the tables in variables; InputError if there is none."""
     left_out = list[str]()
-    fields, found = _apart(members, left_out)
-    tables = tables_of(place, "", form, found, fields, left_out)
-    for name, struct in members.items():
-        if not isinstance(struct, Variable):
-            own, found = _apart(struct, left_out)
-            left_out += [f"{name}.{n} left out" for n, v in struct.items() if isinstance(v, dict)]
-            tables += tables_of(place, name, form, found, [*fields, *own], left_out)
+    tables = list(_of_struct("", members, (), left_out, place, form))
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -120,11 +116,19 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     yield from tables
 
 
-def _apart(members: Variables, left_out: list[str]) -> tuple[list[Field], list[Written]]:
-    """Return the numbers and texts of a struct, and its vectors."""
-    fields, found = list[Field](), list[Written]()
+def _of_struct(
+    name: str,
+    members: Variables,
+    above: Sequence[Field],
+    left_out: list[str],
+    place: str,
+    form: str,
+) -> Iterator[Raw]:
+    """Yield the table of a struct, then those of the structs in it."""
+    fields, found, structs = [*above], list[Written](), dict[str, Variables]()
     for key, member in members.items():
         if not isinstance(member, Variable):
+            structs[f"{name}.{key}" if name else key] = member
             continue
         array = np.asarray(member.value)
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
@@ -134,7 +138,9 @@ def _apart(members: Variables, left_out: list[str]) -> tuple[list[Field], list[W
             found.append(Written(key, array, member.unit, scaling=member.scaling))
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    return fields, found
+    yield from tables_of(place, name, form, found, fields, left_out)
+    for inner, struct in structs.items():
+        yield from _of_struct(inner, struct, fields, left_out, place, form)
 
 
 # --- Parquet and tables in memory ----------------------------------------------------------------
