@@ -302,7 +302,7 @@ def tabulated(sheet: Sheet, name: str) -> Table | None:
     if name == "nodes":
         title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
-    of = sheet.label if sheet.name in (*LABELS, HELD_OUT) else sheet.name
+    of = sheet.name if name == "budget" else sheet.label
     return table(FURTHER[name].format(of), chosen(sheet.rows(name), name))
 
 
