@@ -117,6 +117,7 @@ def simplified(name: str) -> str:
     return _CHANNEL.sub("", words)
 
 
+@functools.lru_cache(256)  # files of one bench have the same few names
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     """Return our columns of a kind of recording that a channel's name can mean."""
     plain, columns = simplified(name), (*schemas.table(kind).names, "file")

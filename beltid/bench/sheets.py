@@ -77,6 +77,8 @@ def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str,
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     """Return whether two columns, and half of those in use, hold only numbers."""
     columns = [*itertools.zip_longest(*block, fillvalue="")]
+    if len(columns) < 2:
+        return False
     numeric = [
         any(map(_is_value, column)) and all(_is_value(c) or c in MISSING for c in column)
         for column in columns

@@ -133,10 +133,11 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
     own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
     if ours[own] > 1:
         return head_at(rows[own], first), own
-    found = [(above, sign) for sign in rows if (above := find_head(rows[sign]))]
-    blank = [(h, s) for h, s in found if s == " " and len(h.names) == len(rows[s][h.first_row])]
-    if found := [(h, s) for h, s in found if s != " "] or blank:
-        return max(found, key=lambda pair: len(pair[0].names))
+    for signs in ([s for s in rows if s != " "], [s for s in rows if s == " "]):
+        found = [(above, s) for s in signs if (above := find_head(rows[s]))]
+        fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
+        if fit:
+            return max(fit, key=lambda pair: len(pair[0].names))
     if first != second and not ours[own] and is_sample(rows[own][first], rows[own][second]):
         raise InputError(
             f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names of "
