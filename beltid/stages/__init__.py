@@ -2,8 +2,8 @@
 
 ``steps`` says what each step reads, uses and makes; the work stands in
 
-``fits``      press recording to normal contact law, Eqs. (1) to (4); sliding speeds in service, (7)
-``friction``  rig recording, measured or simulated, to mu per run, (5) to (8); its plausibility
+``friction``  recordings to the normal contact law, Eqs. (1) to (4), the sliding speeds in service,
+              (7), and mu per run of the rig, measured or simulated, (5) to (8)
 ``surface``   coefficients to mu(f_N, v): published (section 2.2), and refined (beyond)
 ``rig``       the runs of the rig, simulated, (9) to (12)
 ``compare``   measured against simulated (section 4), runs left out, losses of a drive

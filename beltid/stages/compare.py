@@ -206,21 +206,12 @@ def predicted_runs(
 
 
 def _notes(predicted: Sequence[Predicted], by: str) -> Iterator[str]:
-    yield f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
-    if by == "speed":
-        yield "predicted between speeds: the lowest and the highest were never left out"
     if beyond := sum(prediction.beyond for prediction in predicted):
         n = sum(prediction.fold.left_out.size for prediction in predicted)
-        yield (
-            f"{beyond} of {n} predicted runs have a mean force that no other run reached: "
-            "the nearest value was used there"
-        )
+        yield f"nearest value used: {beyond} of {n} runs have a mean force that no other has"
     knows_arcs = all(any(s.error == ARC for s in p.part.sources) for p in predicted)
     if by == "arc" and not knows_arcs:
-        yield (
-            "a single arc was left, which does not show how much arcs differ: such a difference is "
-            "not included in the uncertainty of the prediction"
-        )
+        yield "a single arc was left: the uncertainty does not include how much arcs differ"
 
 
 def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Predicted:
@@ -388,21 +379,12 @@ def _statements(result: LossAgreement) -> Iterator[str]:
     more = f"; too small to be seen in it: {', '.join(unseen)}" if unseen else ""
     yield f"parts of the loss that this recording can test: {', '.join(seen) or 'none'}{more}"
     if result.largest_arc_share <= MOST_OF_ARC:
-        yield (
-            f"friction is not tested: at most {share}, and short of full slip the loss hardly "
-            "depends on it"
-        )
+        yield f"friction is not tested: at most {share}"
     elif sizes["slip"] <= RESOLVED:
-        yield (
-            f"up to {share}: friction is large enough to carry the torques, but this recording "
-            "does not determine how large it is"
-        )
+        yield f"up to {share}: friction carries the torques, but how large it is stays open"
     else:
         yield f"up to {share}: friction is tested by the points in full slip"
-    yield (
-        "the axial stiffness must come from another source, such as a tensile test: if it were "
-        "fitted to this recording, the agreement would be a calibration, not a test"
-    )
+    yield "belt.axial_stiffness_N must not come from this recording: agreement would be no test"
 
 
 def _verdict(result: LossAgreement, allowed_percent: float) -> str:

@@ -1,9 +1,9 @@
-"""From the recording of the friction rig to a coefficient per run, Eqs. (5) to (8).
+"""From the recordings of the benches to contact law, sliding speeds and a coefficient per run.
 
-Measured and simulated recordings pass the same reduction. A weight or a torque in another unit than
-assumed, or a speed in turns, changes mu or the sliding speed without any other sign: each is held
-against what the cells show of the same run; the median over the runs decides. A unit alone is not
-believed, a calibration in the config is.
+Measured and simulated recordings of the rig pass the same reduction, Eqs. (5) to (8). A weight or a
+torque in another unit than assumed, or a speed in turns, changes mu or the sliding speed without
+any other sign: each is held against what the cells show of the same run; the median over the runs
+decides. A unit alone is not believed, a calibration in the config is.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
 from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
+from beltid.identify.press.recording import BranchSamples, StiffnessSettings
+from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
+from beltid.identify.slip import GROSS_SLIP, OK, SlipResult, fit_slip, required_pulley_speeds
 from beltid.laws.capstan import STRAIGHT, Spans, friction_coefficient
 from beltid.stage import Outcome
 from beltid.stages.inputs import (
@@ -36,19 +39,21 @@ from beltid.stages.inputs import (
 from beltid.store.artifact import Artifact
 from beltid.tables.schemas import table
 from beltid.tables.units import CONVERSIONS, canonical_unit
-from beltid.uncertainty.measured import friction_uncertainty
+from beltid.uncertainty.measured import friction_uncertainty, stiffness_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
+COEFFICIENTS: Final = (
+    *("k_linear_N_m2", "k_linear_se_N_m2", "k_linear_u_N_m2"),
+    *("k_quadratic_N_m3", "k_quadratic_se_N_m3", "k_quadratic_u_N_m3"),
+)
+MOST_BRANCH_POINTS: Final = 120
 HELD: Final = 0.005
 """Difference of the spans at rest over the initial tension above which a warning names it [-]."""
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
 TOUCH_DEG: Final = 360.0  # arc beyond which the turns of the belt may touch each other
-TOUCHING: Final = (
-    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
-    "is not that of the pulley alone"
-)
+TOUCHING: Final = "wrapped by a whole turn or more: where turns touch, they rub on each other"
 TRAVEL_M: Final = (1e-4, 1e-3)
 """Travel of the pulley's surface until the belt slides, on usual benches [m]."""
 WITHIN: Final = 3.0
@@ -66,6 +71,105 @@ MOST_RUNS: Final = 480
 SMALL_SAMPLES: Final = 80
 MOST_SAMPLES: Final = 1200
 """Number of samples kept of a run; a longer run keeps the extremes of neighbouring samples."""
+
+
+def contact_law(press: Recording, config: Config) -> Outcome[StiffnessResult]:
+    """Fit the law at every temperature and the pooled one, Eqs. (1) to (4)."""
+    settings = StiffnessSettings(**config.press.si())
+    result = fit_stiffness(press.columns, settings)
+    pooled, laws, recording = result.pooled, (*result.laws, result.pooled), result.recording
+    combined, budget = stiffness_uncertainty(
+        laws, standard_uncertainties(config), settings.segment_length_m
+    )
+    notes = ["; ".join((*law.notes, *law.warnings)) or None for law in laws]
+    columns = columns_from("stiffness", laws, notes=notes, **combined)
+    aside = [{"test": test, "why": why} for test, why in recording.set_aside]
+    return Outcome(
+        columns,
+        result,
+        facts={
+            **{name: float(columns[name][-1]) for name in COEFFICIENTS},
+            "temperature_matters": result.temperature_matters,
+            "quadratic_law_supported": result.quadratic_supported,
+            "n_effective": pooled.n_effective,
+            "n_missing": recording.n_missing,
+            "n_spikes": recording.n_spikes,
+        },
+        tables={"budget": budget},
+        validity={
+            "penetration_m": (0.0, pooled.max_penetration_m),
+            "force_N_m": (0.0, pooled.max_force_N_m),
+        },
+        set_aside=aside,
+        notes=result.notes,
+        warnings=(*set_aside_lines(aside), *pooled.warnings),
+    )
+
+
+def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]:
+    """Return the branches of the press cycles that the law was fitted to, for the report."""
+    result = fit_stiffness(press.columns, StiffnessSettings(**config.press.si()))
+    parts = []
+    for curve in result.recording.curves:
+        for branch in curve.branches:
+            position, force = _means_of_neighbours(branch)
+            part = {
+                "test": np.array(curve.test, dtype=object),
+                "temperature_degC": np.array(curve.recorded.temperature_degC),
+                "cycle": np.array(curve.cycle, dtype=np.int64),
+                "branch": np.array(branch.name, dtype=object),
+                "penetration_m": position - result.pooled.contact_m[curve.test],
+                "line_force_N_m": force,
+            }
+            parts.append({name: np.broadcast_to(x, force.shape) for name, x in part.items()})
+    return Outcome(joined(parts), result)
+
+
+def _means_of_neighbours(branch: BranchSamples) -> list[np.ndarray]:
+    """Return positions and forces of a branch, thinned."""
+    n = branch.position_m.size
+    starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
+    return [
+        np.add.reduceat(values, starts[:-1]) / np.diff(starts)
+        for values in (branch.position_m, branch.force_N_m)
+    ]
+
+
+def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
+    """Find the sliding speed of every run, Eq. (7), and the speeds that the rig must cover."""
+    rig, radius = config.rig, config.rig.pulley_radius_m
+    driver = radius
+    if "drive" in config.model_fields_set:
+        radii = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
+        driver = radii.get(config.drive.driving, radius)
+    with at(speedloss):
+        result = fit_slip(speedloss.columns, driver)
+    points, statement, warnings = result.points, list[str](), list[str]()
+    proposed = covered = None
+    stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
+    try:
+        needed = required_pulley_speeds(result, radius, stated)
+        proposed, covered, statement = needed.proposed_rad_s, needed.covered, [needed.statement]
+    except InputError as error:  # the sliding speeds were found; keep them
+        warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
+    aside = [{"run": p.run, "why": p.status} for p in points if p.status not in (OK, GROSS_SLIP)]
+    return Outcome(
+        columns_from("slip", points),
+        result,
+        facts={
+            "runs": len(points),
+            "largest_slip_speed_m_s": result.max_slip_speed_m_s,
+            "in_run": result.max_slip_run,
+            "rig_speeds_proposed_rad_s": proposed,
+            "rig_speeds_covered": covered,
+            "pulley_ratio": result.ratio,
+            "pulley_ratio_se": result.ratio_se,
+        },
+        validity={"slip_speed_m_s": (0.0, result.max_slip_speed_m_s)},
+        set_aside=aside,
+        notes=(*result.notes, *statement),
+        warnings=(*set_aside_lines(aside), *warnings),
+    )
 
 
 def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction, ...]]:
@@ -195,41 +299,30 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
         yield "the search for the noise of the bench did not end: the standard errors may be wrong"
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
     if kind.has_torque and derived and not any(run.drag_N_m for run in good):
-        yield (
-            "the torque includes the drag of the bearings, which raises mu: record a run of the "
-            "pulley without the belt and mark it with a column idle: true"
-        )
+        yield "drag of the bearings raises mu: record a run without the belt, column idle: true"
     if kind.measures == "torque_hub" and not kind.running and not held:
         sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
         ratios = [sliding / rest for sliding, rest in sums if np.isfinite(sliding / rest)]
         growth = float(np.median(ratios or 1.0))
         if abs(growth - 1.0) > CONSTANT:
             yield (
-                f"the sum of the tensions is {growth:.3g} times that at rest: the hub force is not "
-                "constant; if the slide of the pulley is held by the load cell of the hub force, "
-                "state rig.holds: stretch"
+                f"the hub force is not constant, but {growth:.3g} times that at rest: if its load "
+                "cell holds the slide of the pulley, state rig.holds: stretch"
             )
     if shares := [abs(run.held) for run in good if abs(run.held) > HELD]:
         yield (
             f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
-            f"tension (median of {counted(len(shares), 'run')} of {len(good)}): "
-            "friction held in the belt, or gains of the cells that differ by as much; neither is "
-            "corrected. Turn the pulley back and forth before the rest and state "
-            "friction.free_at_rest: true, or add a few runs in the other direction; state what the "
-            "gains may be off as uncertainty.cell_gain_rel"
+            f"tension (median of {counted(len(shares), 'run')} of {len(good)}): held "
+            "friction, or gains of the cells. Turn the pulley back and forth before the rest and "
+            "state friction.free_at_rest: true, or add runs in the other direction; state the "
+            "error of the gains as uncertainty.cell_gain_rel"
         )
     if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
         yield f"{TOUCHING} ({listed(touching)})"
     if any(run.side == "back" for run in good):
-        yield (
-            "measured on the back of the belt: surface and contact stiffness of one side do not "
-            "hold for the other"
-        )
+        yield "measured on the back of the belt: friction and stiffness do not hold for the ribs"
     if good and not any(np.isfinite(run.mu_sliding_se) for run in good):
-        yield (
-            "no standard error is known: state mu_se in the table, or the resolution of the forces "
-            "as rig.force_resolution_N"
-        )
+        yield "no standard error is known: state mu_se in the table, or rig.force_resolution_N"
 
 
 def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
@@ -242,13 +335,9 @@ def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
     if swapped := [run.run for run in runs if run.swapped]:
         yield f"tight and slack cell were swapped in {listed(swapped)}; corrected"
     if unresolved := sum(run.ok and bool(run.mu_sticking_reason) for run in runs):
-        why = "the records do not resolve the peak"
-        yield f"no mu_sticking for {counted(unresolved, 'run')}: {why}"
+        yield f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it"
     if faint := [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]:
-        yield (
-            f"standard error of mu above {percent(100 * FAINT)} in {listed(faint)}: readings near "
-            "their resolution or noise, which carry little weight"
-        )
+        yield f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}"
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:

@@ -79,15 +79,12 @@ def planned(
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     elif other := known.stated_otherwise(stated, press.has_scatter):
-        notes.append(
-            f"stated differently when the surface was made: {', '.join(other)}; the earlier values "
-            "are used"
-        )
+        notes.append(f"used as stated when the surface was made: {', '.join(other)}")
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
     if noise_of is None:
         notes.append(
-            f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
-            "tensions; --from friction.parquet uses that of its runs"
+            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
+            "--from friction.parquet uses that of its runs"
         )
     log.info("%d candidates, simulated with the present surface", len(settings.points()))
     try:
@@ -121,10 +118,7 @@ def planned(
     session = _session(plan, settings, candidates, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
     if (session["pulley_speed_rad_s"] < 0.0).any():
-        notes.append(
-            "a negative speed turns the pulley the other way: runs in both directions tell the "
-            "gain of the load cells from friction"
-        )
+        notes.append("runs with a negative speed tell the gain of the load cells from friction")
     return Outcome(
         session,
         PlannedRuns(plan, target),
@@ -178,9 +172,9 @@ def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, l
         for key, of_plan, values in zip(KEYS.values(), stated, fallbacks, strict=True)
         if not of_plan and measured is None and key not in config.rig.model_fields_set
     ]
-    notes = [f"the possible settings of the rig are not stated, assumed: {'; '.join(assumed)}"]
     lists = (tuple(of or values) for of, values in zip(stated, fallbacks, strict=True))
-    return Settings(*lists), notes if assumed else []
+    notes = [f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"] if assumed else []
+    return Settings(*lists), notes
 
 
 def _thinned(values: Sequence[float]) -> list[float]:

@@ -117,10 +117,8 @@ def simulated(
     uncertainty, notes = _uncertainty(good, bench, config, press, stored, workers)
     outside = sum(result.record.clamped_lookups for result in good.values())
     lookups = sum(result.record.lookups for result in good.values())
-    beyond = (
-        f"{percent(100 * outside / max(lookups, 1))} of the sliding contact points lie outside the "
-        "measured range of the surface: the nearest measured value was used"
-    )
+    share = percent(100 * outside / max(lookups, 1))
+    beyond = f"nearest value used: {share} of the sliding contacts are outside the measured surface"
     columns = recording_columns(good.items(), config)
     return Outcome(
         columns,
@@ -315,8 +313,7 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
     belt, rig = config.belt_params(), config.rig_params()
     share = max(swinging_share(belt, rig, point) for point in points)
     return [
-        "the dead weight is guided along its span; one that swings freely makes mu lower, "
-        f"by up to {percent(100 * share)} in these runs"
+        f"a dead weight that swings, not guided, makes mu lower by up to {percent(100 * share)}"
     ]
 
 

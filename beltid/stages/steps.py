@@ -59,7 +59,7 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-stiffness press.csv
     """
-    from beltid.stages.fits import contact_law
+    from beltid.stages.friction import contact_law
 
     return contact_law(frame, config)
 
@@ -87,7 +87,7 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-slip speedloss.csv
     """
-    from beltid.stages.fits import sliding_speeds
+    from beltid.stages.friction import sliding_speeds
 
     return sliding_speeds(frame, config)
 
@@ -556,7 +556,7 @@ def plan_runs(
 )
 def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the branches of the press cycles that the report shows."""
-    from beltid.stages.fits import press_branches
+    from beltid.stages.friction import press_branches
 
     return press_branches(frame, config)
 

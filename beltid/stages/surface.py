@@ -80,8 +80,7 @@ EFFECTS: Final = {
     COURSE: ("other change over the campaign, root mean square", "the surface holds for its mean"),
     TEMPERATURE: (
         "temperature, per 10 K",
-        "the surface holds for the mean of the runs, or for friction.reference_temperature_degC "
-        "with friction.correct_temperature: true",
+        "the surface holds for the mean of the runs, unless friction.correct_temperature: true",
     ),
     TOGETHER: (
         "order or temperature, over the campaign",
@@ -316,8 +315,6 @@ def refined(
         validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
-            "the surface covers all forces within the contacts of the runs, peaks included; beyond "
-            "the mean forces of the runs it is inferred from them",
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
@@ -437,20 +434,18 @@ def _disagreement(result: Refinement) -> Iterator[str]:
     if scale > MOST_NOISE:
         yield (
             f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-            f"{MOST_NOISE:g} is usual: something other than order and temperature changed from "
-            "run to run; the uncertainty of the surface includes it as scatter"
+            f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         )
     for unusual in found.effects:
         if unusual.is_unusual:
             yield (
-                f"{EFFECTS[unusual.effect.key][0]}: larger than such an effect can be expected to "
-                f"be (standard deviation {percent(100 * unusual.largest_usual)}); the simulated "
-                "rig may not describe this bench"
+                f"{EFFECTS[unusual.effect.key][0]}: larger than usual (standard deviation "
+                f"{percent(100 * unusual.largest_usual)}); the simulated rig may not fit"
             )
     for name, size in contradictions(found).items():
         yield (
-            f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
-            "uncertainty is wrong, or the simulated rig does not describe this bench"
+            f"{name}: the runs require an error of {size:.2g} standard uncertainties; it is stated "
+            "wrongly, or the simulated rig does not describe this bench"
         )
     for k in np.flatnonzero(found.fit.weight < 0.5):
         yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
@@ -466,13 +461,12 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     if hidden:
         yield (
             f"changed together with the force and the speed of the runs: {', '.join(hidden)}; "
-            f"above {100 * CONFOUNDED:g} % its influence on the friction cannot be told from "
-            "theirs. Measure in random order, and repeat some runs at the end"
+            f"above {100 * CONFOUNDED:g} % it cannot be told from them. Measure in random order"
         )
     if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
         yield (
-            f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
-            "nearly as well: it is not claimed; make the runs in random order"
+            f"{', '.join(large)}: large, but not claimed: other effects or stated errors explain "
+            "the runs nearly as well. Measure in random order"
         )
 
 
@@ -484,5 +478,5 @@ def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
             yield (
                 f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
                 f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
-                f"{100 * source.size * sd:.2g} %; the surface was found with the first value"
+                f"{100 * source.size * sd:.2g} %"
             )
