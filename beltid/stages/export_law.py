@@ -175,17 +175,17 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
                 surface.facts.get("method") or "published",
                 tuple(
                     Contribution(**{k: v for k, v in row.items() if k in Contribution.model_fields})
-                    for row in surface.tables.get("budget", ())
+                    for row in surface.record.tables.get("budget", ())
                     if row["contribution_percent"] is not None
                 ),
                 None if friction is None else _sticking(friction.columns),
             ),
             validity=Validity(
                 measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
-                normal_force_N_m=surface.validity.get("normal_force_N_m"),
-                slip_speed_m_s=surface.validity.get("slip_speed_m_s"),
-                penetration_m=stiffness.validity.get("penetration_m"),
-                press_force_N_m=stiffness.validity.get("force_N_m"),
+                normal_force_N_m=surface.record.validity.get("normal_force_N_m"),
+                slip_speed_m_s=surface.record.validity.get("slip_speed_m_s"),
+                penetration_m=stiffness.record.validity.get("penetration_m"),
+                press_force_N_m=stiffness.record.validity.get("force_N_m"),
             ),
             provenance=Provenance(
                 software=f"beltid {__version__}",
