@@ -37,7 +37,7 @@ from beltid.stages.inputs import (
     surface_from,
 )
 from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
-from beltid.store.disk import anyone_s, check_place, write_bytes
+from beltid.store.disk import check_place, write_bytes
 
 ALL: Final = "all"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
@@ -83,7 +83,7 @@ def run(
     for path in changed:
         inputs = {"law file that is read": source} if source.is_file() else {}
         try:
-            check_place(path, (path.suffix,), anyone_s, inputs=inputs, force=force)
+            check_place(path, (path.suffix,), inputs=inputs, force=force)
         except InputError as error:
             problems += error.problems
     if problems:
