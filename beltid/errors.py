@@ -105,14 +105,7 @@ class NumericsError(BeltidError):
 
 
 class ConvergenceError(NumericsError):
-    """Iteration that did not converge, after some `iterations`, with a `residual` left."""
-
-    def __init__(
-        self, problems: str | Sequence[str], *, iterations: int = 0, residual: float = float("nan")
-    ) -> None:
-        super().__init__(problems)
-        self.iterations = iterations
-        self.residual = residual
+    """Iteration that did not converge."""
 
 
 class FitError(NumericsError):

@@ -328,7 +328,7 @@ class Stage:
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
         from beltid.store.artifact import read_artifact, stated_kind
-        from beltid.store.disk import FOREIGN, OURS, anyone_s, check_place
+        from beltid.store.disk import FOREIGN, OURS, check_place
 
         existing = None
 
@@ -347,7 +347,7 @@ class Stage:
             inputs[f"{file.kind} {what} that is read"] = file.path
         for kind, path in source.config.data.files.items():
             inputs[f"{kind} recording of the config"] = path
-        owner = whose if self.writes is None else anyone_s
+        owner = whose if self.writes is None else None
         check_place(out, (Path(self.file_name()).suffix,), owner, inputs=inputs, force=force)
         return existing
 

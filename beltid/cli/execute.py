@@ -42,9 +42,9 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
             refuse_out(common)
         made = work()
         if isinstance(made, str) and common.out is not None:
-            from beltid.store.disk import anyone_s, check_place, write_text
+            from beltid.store.disk import check_place, write_text
 
-            check_place(common.out, TEXT_ENDINGS, anyone_s, force=common.force)
+            check_place(common.out, TEXT_ENDINGS, force=common.force)
             write_text(common.out, made)
             log.info("%s written", common.out)
             raise typer.Exit

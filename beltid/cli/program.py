@@ -65,12 +65,6 @@ BENCHES: Final = {
     "speedloss": "the speed-loss bench",
     "rig": "the friction rig",
 }
-UNITS: Final = {"": "text", "deg": "°", "degC": "°C"}
-OTHERWISE: Final = """
-Other names or units of columns: state them in the config under columns: and units:. Exports of
-testing machines and measuring programs are read as they are, known names and units are recognised:
-beltid inspect FILE shows how.
-"""
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
@@ -271,8 +265,7 @@ def add_step(stage: Any) -> None:
             of = Path if p.default is p.empty else Path | None
             parameters.append(p.replace(kind=KEYWORD, annotation=Annotated[of, given]))
     parameters += [parameter(hints[p.name], *told[p.name]) for p in stage.options]
-    columns = "".join(_columns(_kind(stage, role)) for role in stage.reads)
-    text = f"{text}\n\nWrites {stage.file_name()}.\n\n{columns}{example}\n"
+    text = f"{text}\n\nWrites {stage.file_name()}.\n\n{example}\n"
 
     def run(*, common: Common, **given: Any) -> None:
         from beltid.bench.files import folder_of
@@ -306,23 +299,10 @@ def _about(kind: str) -> str:
     from beltid.tables import schemas
 
     if kind in BENCHES:
-        return f"Recording of {BENCHES[kind]} ({FILES})."
+        how = "beltid inspect FILE shows how it is read, and which columns it may have"
+        return f"Recording of {BENCHES[kind]} ({FILES}); {how}."
     name = f"{kind}.parquet of {schemas.table(kind).command.removeprefix('beltid ')}"
     return f"{name}, or surface_refined.parquet." if kind == "surface" else f"{name}."
-
-
-def _columns(kind: str) -> str:
-    """Return the columns of a recording for the help."""
-    from beltid.tables import schemas
-
-    if kind not in BENCHES:
-        return ""
-    rows = [
-        f"  {column.name:<20} {UNITS.get(column.unit, column.unit):<6} {column.meaning}"
-        f"{'' if column.required else '; may be missing'}\n"
-        for column in schemas.table(kind).columns
-    ]
-    return f"\b\nColumns of the CSV (others are ignored):\n{''.join(rows)}{OTHERWISE}\n"
 
 
 def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspect.Parameter:

@@ -157,6 +157,4 @@ def _solved(loop: Loop, near: LoopState | None) -> LoopState:
     raise ConvergenceError(
         f"drive at {loop.omega:g} rad/s: no steady state found; largest residual {residual:.3g} of "
         f"the scaled equations, must be below {TOLERANCE:g}",
-        iterations=int(found.nfev),
-        residual=residual,
     )

@@ -114,8 +114,6 @@ class RodLevel:
         raise ConvergenceError(
             f"drive at {point.omega:g} rad/s: the forces of loop and rods did not converge in "
             f"{MOST_ROUNDS} rounds; they still change by {moved:.2g} of the tension at rest",
-            iterations=MOST_ROUNDS,
-            residual=moved,
         )
 
     def _told(self, state: LoopState, rods: Rods) -> LoopState:

@@ -424,16 +424,12 @@ class Problem:
         except BeltidError as error:
             raise ConvergenceError(
                 [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
-                iterations=iteration,
-                residual=change,
             ) from error
         if change <= NEARLY:
             return Fit(at, done, runs, posterior, weight, before, iteration, change)
         raise ConvergenceError(
             f"refined surface: no convergence in {iteration} iterations (last change of mu "
             f"{100 * change:.2g} %)",
-            iterations=iteration,
-            residual=change,
         )
 
     def _descend(

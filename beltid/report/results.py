@@ -58,7 +58,7 @@ class Sheet(Artifact):
 
     def rows(self, name: str) -> list[dict[str, Any]]:
         """Return a further table; empty if there is none."""
-        return self.tables.get(name) or []
+        return self.record.tables.get(name) or []
 
     def named(self) -> Sheet:
         """Return the sheet under its name in the chain, whatever its file is called."""

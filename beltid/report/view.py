@@ -150,12 +150,12 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
 
 
 def _columns_and_rows(artifact: Artifact) -> tuple[Mapping[str, np.ndarray], Rows]:
-    if RUNS not in artifact.tables:
+    if RUNS not in artifact.record.tables:
         columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
         return columns, rows_of(columns, *columns)
     rows = [
         {name: value for name, value in row.items() if not isinstance(value, dict)}
-        for row in artifact.tables[RUNS]
+        for row in artifact.record.tables[RUNS]
     ]
     columns = {
         name: np.array([row[name] for row in rows], dtype=object if type(value) is str else float)
@@ -174,8 +174,8 @@ def _overview(
     artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Rows
 ) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
-    if "groups" in artifact.tables:
-        return chosen(artifact.tables["groups"], "groups")
+    if "groups" in artifact.record.tables:
+        return chosen(artifact.record.tables["groups"], "groups")
     if artifact.kind == "surface":
         return grid(sheet_of(artifact), errors=False)
     if artifact.kind == "stiffness":

@@ -109,8 +109,6 @@ def _approach(
     raise ConvergenceError(
         f"{describe(model.point)}: {aim} found no equilibrium in {spent} Newton iterations "
         f"(residual {residual:.2g} of T0)",
-        iterations=spent,
-        residual=residual,
     )
 
 

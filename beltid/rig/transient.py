@@ -95,8 +95,6 @@ def run_transient(
             f"{describe(model.point)}: the step at {record['dt'][:done].sum():.4g} s found no "
             f"solution in {step['iterations']} iterations, halved {step['halvings']} times "
             f"(residual {step['residual']:.2g} of T0)",
-            iterations=int(step["iterations"]),
-            residual=float(step["residual"]),
         )
     last = StaticState.of(s)
     deviation = max(abs(last.T_A / sliding.T_A - 1.0), abs(last.T_B / sliding.T_B - 1.0))
@@ -104,7 +102,6 @@ def run_transient(
         raise ConvergenceError(
             f"{describe(model.point)}: the plateau does not settle; its last tensions differ by "
             f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)",
-            residual=deviation,
         )
     return record, last
 

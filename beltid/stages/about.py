@@ -17,7 +17,7 @@ from beltid.config.source import KeyPath, format_path, read_source
 from beltid.errors import ConfigError, InputError
 from beltid.report.summary import Summary
 from beltid.store.artifact import plain, read_artifact
-from beltid.store.disk import anyone_s, check_place, source_sha256, write_bytes
+from beltid.store.disk import check_place, source_sha256, write_bytes
 
 LIBRARIES: Final = (
     *("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "rich", "ruamel.yaml", "typer"),
@@ -136,7 +136,7 @@ def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False
     ending = "" if out is None else out.suffix.lower()
     if out is not None:
         inputs = {"artifact that is shown": path}
-        check_place(out, (TABLE, *figures), anyone_s, inputs=inputs, force=force)
+        check_place(out, (TABLE, *figures), inputs=inputs, force=force)
     if name is not None and ending in ("", TABLE):
         raise InputError(
             f"--figure = {name}: needs --out, a file that ends in {', '.join(figures)}"

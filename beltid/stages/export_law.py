@@ -37,7 +37,7 @@ from beltid.stages.inputs import (
     surface_from,
 )
 from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
-from beltid.store.disk import anyone_s, check_place, write_bytes
+from beltid.store.disk import check_place, write_bytes
 
 ALL: Final = "all"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
@@ -83,7 +83,7 @@ def run(
     for path in changed:
         inputs = {"law file that is read": source} if source.is_file() else {}
         try:
-            check_place(path, (path.suffix,), anyone_s, inputs=inputs, force=force)
+            check_place(path, (path.suffix,), inputs=inputs, force=force)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -175,17 +175,17 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
                 surface.facts.get("method") or "published",
                 tuple(
                     Contribution(**{k: v for k, v in row.items() if k in Contribution.model_fields})
-                    for row in surface.tables.get("budget", ())
+                    for row in surface.record.tables.get("budget", ())
                     if row["contribution_percent"] is not None
                 ),
                 None if friction is None else _sticking(friction.columns),
             ),
             validity=Validity(
                 measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
-                normal_force_N_m=surface.validity.get("normal_force_N_m"),
-                slip_speed_m_s=surface.validity.get("slip_speed_m_s"),
-                penetration_m=stiffness.validity.get("penetration_m"),
-                press_force_N_m=stiffness.validity.get("force_N_m"),
+                normal_force_N_m=surface.record.validity.get("normal_force_N_m"),
+                slip_speed_m_s=surface.record.validity.get("slip_speed_m_s"),
+                penetration_m=stiffness.record.validity.get("penetration_m"),
+                press_force_N_m=stiffness.record.validity.get("force_N_m"),
             ),
             provenance=Provenance(
                 software=f"beltid {__version__}",

@@ -22,7 +22,7 @@ from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.inputs import nominal_settings
 from beltid.store.artifact import plain
-from beltid.store.disk import anyone_s, check_place, write_text
+from beltid.store.disk import check_place, write_text
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit
 
@@ -213,7 +213,7 @@ def new_config(
     sources = dict.fromkeys(values, "from the name")
     _config(values)  # checks the name
     recordings = {f"recording {file}": file for file in files}
-    check_place(path, (".yaml", ".yml"), anyone_s, inputs=recordings, force=force)
+    check_place(path, (".yaml", ".yml"), inputs=recordings, force=force)
     problems, sections = list[str](), []
     for file in files:
         try:

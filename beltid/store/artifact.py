@@ -95,33 +95,20 @@ class Artifact:
     @property
     def name(self) -> str:
         """Kind of the table, and whether it comes from the refined surface."""
-        refined = self.facts.get("method") == "refined" or "surface_refined" in self.ancestors
+        refined = (
+            self.facts.get("method") == "refined" or "surface_refined" in self.record.ancestors
+        )
         return f"{self.kind}_refined" if self.kind in SEVERAL and refined else self.kind
-
-    @property
-    def ancestors(self) -> dict[str, str]:
-        """SHA-256 of all that it was made from, by name."""
-        return self.record.ancestors
 
     @property
     def recordings(self) -> set[tuple[str, str]]:
         """Name and SHA-256 of the recordings that it was made from."""
-        return {pair for pair in self.ancestors.items() if pair[0] in schemas.RECORDINGS}
+        return {pair for pair in self.record.ancestors.items() if pair[0] in schemas.RECORDINGS}
 
     @property
     def facts(self) -> dict[str, Any]:
         """Single results by name."""
         return self.record.facts
-
-    @property
-    def tables(self) -> dict[str, list[dict[str, Any]]]:
-        """Further tables."""
-        return self.record.tables
-
-    @property
-    def validity(self) -> dict[str, Any]:
-        """Ranges within which the result holds."""
-        return self.record.validity
 
     @property
     def origin(self) -> str | None:
@@ -259,7 +246,7 @@ def _command(kind: str) -> str:
 
 def ancestors_of(artifact: Artifact) -> dict[str, str]:
     """Return the SHA-256 of an artifact and of all that it was made from, by name."""
-    return artifact.ancestors | {artifact.name: artifact.sha256}
+    return artifact.record.ancestors | {artifact.name: artifact.sha256}
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
@@ -283,14 +270,14 @@ def _misfits_of(
     artifact: Artifact, artifacts: Sequence[Artifact], earlier: Sequence[Artifact]
 ) -> Iterator[tuple[int, str]]:
     """Yield the misfits with its inputs (0), their ancestors (1), artifacts with the same (2)."""
-    for name, content in artifact.ancestors.items():
+    for name, content in artifact.record.ancestors.items():
         given = [other for other in artifacts if other.name == name]
         if given and all(other.sha256 != content for other in given):
             is_input = content in artifact.record.inputs.values()
             yield 0 if is_input else 1, _line(artifact, name, given[0])
         elif not given:
             for other in earlier:
-                if other.ancestors.get(name, content) != content:
+                if other.record.ancestors.get(name, content) != content:
                     yield 2, _line(artifact, name, other)
 
 

@@ -110,14 +110,15 @@ def _remove_stale(folder: Path) -> None:
 def check_place(
     out: Path,
     endings: tuple[str, ...],
-    whose: Callable[[Path], str],
+    whose: Callable[[Path], str] | None = None,
     *,
     inputs: Mapping[str, Path] | None = None,
     force: bool = False,
 ) -> None:
     """Refuse a place where a file cannot be written, or would replace one that must stay.
 
-    `whose` says what an existing file is: `OURS` may be replaced, anything else only with force;
+    `whose` says what an existing file is: `OURS` may be replaced, all else, by default any file,
+    only with force;
     `inputs`, by what they are, never.
     """
     for what, path in (inputs or {}).items():
@@ -130,7 +131,8 @@ def check_place(
             f"{out}: ends in {out.suffix or 'nothing'}, must be one of {', '.join(endings)}, such "
             f"as {out.with_suffix(endings[0]).name}"
         )
-    if out.exists() and (found := whose(out)) and not force:
+    found = (whose(out) if whose else "already there") if out.exists() else OURS
+    if found and not force:
         raise InputError(
             f"{out}: is {found}, not replaced; name another --out, or replace it with --force"
         )
@@ -146,11 +148,6 @@ def _same_file(path: Path, other: Path) -> bool:
         return os.path.samefile(path, other)
     except OSError:  # one of the files does not exist
         return os.path.realpath(path) == os.path.realpath(other)
-
-
-def anyone_s(path: Path) -> str:
-    """Say of any existing file that it is replaced only with force."""
-    return "already there"
 
 
 def sha256(data: bytes | memoryview) -> str:

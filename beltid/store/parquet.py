@@ -13,7 +13,7 @@ import numpy as np
 
 from beltid.errors import ArtifactError, InputError
 from beltid.tables.schemas import Column, Table
-from beltid.tables.values import floats, is_missing, outside
+from beltid.tables.values import absent, floats, is_missing, outside
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -91,13 +91,9 @@ def _typed(values: Any, column: Column) -> np.ndarray:
 def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "bool":
         return []
-    if column.dtype == "string":
-        missing = np.array([cell is None for cell in cells], dtype=bool)
-        wrong = np.zeros_like(missing)
-    else:
-        wrong, missing = np.isinf(cells) | outside(cells, column), np.isnan(cells)
-    if not column.nullable:
-        wrong |= missing
+    wrong = np.zeros(cells.shape, dtype=bool) if column.nullable else absent(cells)
+    if column.dtype != "string":
+        wrong |= np.isinf(cells) | outside(cells, column)
     rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"

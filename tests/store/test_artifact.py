@@ -55,11 +55,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     read = read_artifact(path, "stiffness")
     assert asdict(read.record) == asdict(written.record)
     assert read.facts == {"k_linear_N_m2": 6.5e7, "supported": True, "unknown": None}
-    assert (read.origin, read.validity, read.tables) == (
-        "synthetic",
-        {"force_N_m": [0.0, 1e4]},
-        RECORD.tables,
-    )
+    assert (read.origin, read.record.validity) == ("synthetic", {"force_N_m": [0.0, 1e4]})
+    assert read.record.tables == RECORD.tables
     for name in ("k_linear_N_m2", "k_quadratic_N_m3", "k_linear_se_N_m2", "n_samples"):
         assert np.array_equal(read.columns[name], COLUMNS[name], equal_nan=name != "n_samples")
     assert np.isnan(read.columns["covariance"][0]).all()
