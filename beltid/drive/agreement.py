@@ -7,6 +7,7 @@ loss hardly depends on friction, so that it is not tested unless a pulley slides
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,21 +18,6 @@ Array = NDArray[np.float64]
 RESOLVED = 3.0  # standard uncertainties of the difference that a resolved part must exceed
 MOST_OF_ARC = 0.7  # share of an arc that must slide for the loss to depend on friction
 ENOUGH = 0.5  # share of the points to be judged that must have a prediction
-
-
-class LossPoints(NamedTuple):
-    """Measured and predicted speed losses of the same points, arrays (n,) [rad/s]."""
-
-    measured: Array
-    measured_u: Array  # standard uncertainty
-    predicted: Array  # nan without a steady state
-    predicted_u: Array
-    creep: Array  # predicted parts
-    seating: Array
-    slip: Array
-    torque: Array  # [N m]
-    arc_share: Array  # largest share of an arc that slides [-]
-    usable: NDArray[np.bool_]  # measured points that are complete and not in gross slip
 
 
 class LossAgreement(NamedTuple):
@@ -51,24 +37,31 @@ class LossAgreement(NamedTuple):
 
 
 def compare_losses(
-    points: LossPoints, max_rms_relative_error: float, min_torque_share: float
+    points: Mapping[str, Array],
+    usable: NDArray[np.bool_],
+    max_rms_relative_error: float,
+    min_torque_share: float,
 ) -> LossAgreement:
-    """Judge a prediction by the points with enough torque: a share of the largest one [-]."""
-    torque = np.abs(points.torque)
-    eligible = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
-    eligible &= points.measured != 0.0
-    judged = eligible & np.isfinite(points.predicted) & np.isfinite(points.predicted_u)
-    difference = points.predicted - points.measured
-    u = np.hypot(points.measured_u, points.predicted_u)
+    """Judge a prediction by the points with enough torque: a share of the largest one [-].
+
+    The points have columns (n,) of the comparison's table, nan without a steady state; those
+    that are complete and not in gross slip on the bench are ``usable`` (n,).
+    """
+    torque, measured = np.abs(points["torque_N_m"]), points["loss_measured_rad_s"]
+    predicted, predicted_u = points["loss_predicted_rad_s"], points["u_input_rad_s"]
+    eligible = usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
+    eligible &= measured != 0.0
+    judged = eligible & np.isfinite(predicted) & np.isfinite(predicted_u)
+    difference, u = predicted - measured, np.hypot(points["u_measured_rad_s"], predicted_u)
 
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
-    relative = rms(difference[judged] / points.measured[judged])
+    relative = rms(difference[judged] / measured[judged])
     enough = judged.sum() >= ENOUGH * eligible.sum() and bool(judged.any())
     with np.errstate(divide="ignore", invalid="ignore"):
         prominence = {
-            name: float(np.nanmax(np.abs(getattr(points, name) / u)[judged], initial=0.0))
+            name: float(np.nanmax(np.abs(points[f"loss_{name}_rad_s"] / u)[judged], initial=0.0))
             for name in ("creep", "seating", "slip")
         }
     return LossAgreement(
@@ -79,6 +72,6 @@ def compare_losses(
         relative,
         rms(np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0.0)[judged]),
         prominence,
-        float(np.nanmax(points.arc_share[judged], initial=0.0)),
+        float(np.nanmax(points["arc_share"][judged], initial=0.0)),
         bool(enough and relative <= max_rms_relative_error),
     )

@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from beltid.drive.loop import LoopState, solve_loop
@@ -111,30 +110,9 @@ def _of_level(
     return float(brentq(margin, low, high, xtol=TOLERANCE * high, rtol=TOLERANCE))
 
 
-@dataclass(frozen=True, slots=True)
-class InstalledBelt:
-    """A drive with a belt of one of the lengths: name, stress-free length [m], solved point."""
-
-    name: str
-    length: float
-    result: DriveResult
-
-    @property
-    def hub_force_at_rest(self) -> NDArray[np.float64]:
-        """Force of the belt on the axis of each pulley at rest [N], shape (n,)."""
-        rest = self.result.rest
-        forces = rest.laid.hub_forces(np.full(rest.laid.spans.size, rest.T_0))
-        return np.hypot(*self.result.in_order(forces).T)
-
-    @property
-    def largest_tension(self) -> float:
-        """Largest tension of a span at the operating point [N]."""
-        return float(np.max(self.result.tensions[0]))
-
-
 def installed_belts(
     drive: Drive, method: Method, point: DrivePoint, tolerance: float
-) -> list[InstalledBelt]:
+) -> dict[str, DriveResult]:
     """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
 
     It states together what a belt is made with, how it grows with temperature and wears; its
@@ -142,9 +120,9 @@ def installed_belts(
     that determines it. An InputError says that a belt is too long or too short for the pulleys.
     """
     mean = Simulator(drive, method).solve(point).rest.belt_length
-    point, found = replace(point, T_0=np.nan), []
-    for name, share in (("min", -1.0), ("mean", 0.0), ("max", 1.0)):
-        length = mean + share * tolerance
-        result = Simulator(replace(drive, belt_length=length), method).solve(point)
-        found.append(InstalledBelt(name, length, result))
-    return found
+    lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}
+    point = replace(point, T_0=np.nan)
+    return {
+        name: Simulator(replace(drive, belt_length=length), method).solve(point)
+        for name, length in lengths.items()
+    }

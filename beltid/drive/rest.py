@@ -30,6 +30,11 @@ class RestState:
     laid: Layout
     at_stop: bool = False  # whether the arm rests against a stop
 
+    @property
+    def hub_force(self) -> Array:
+        """Force of the belt on the axis of each pulley [N], shape (n,)."""
+        return np.hypot(*self.laid.hub_forces(np.full(self.laid.spans.size, self.T_0)).T)
+
 
 def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
     """Tighten the belt at rest, which determines its length, or its tension if that is stated.

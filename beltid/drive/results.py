@@ -33,6 +33,13 @@ GROSS_SLIP: Final = "gross slip"
 SLACK: Final = "slack"
 
 PLACES: Final = 60  # along the sliding arc of the string
+SHARES: Final = (
+    "slip_speed_max_m_s",
+    "normal_force_min_N_m",
+    "normal_force_max_N_m",
+    "share_below_speed_range",
+    "share_outside_force_range",
+)
 
 
 class SpeedLoss(NamedTuple):
@@ -45,25 +52,6 @@ class SpeedLoss(NamedTuple):
     creep: Array  # by the strains of the belt
     seating: Array  # by the penetrations
     slip: Array  # of pulleys that slide as a whole
-
-
-class SlidingShares(NamedTuple):
-    """Where the friction of the pulleys acts, all arrays (n,)."""
-
-    slip_speed_max: Array  # [m/s]
-    normal_force_min: Array  # line forces [N/m]
-    normal_force_max: Array
-    below_speed_range: Array  # share of the sliding friction below the measured speeds [-]
-    outside_force_range: Array  # and outside the measured line forces [-]
-    steady_states: NDArray[np.int64]  # that carry the forces; more than one only if mu falls with v
-
-
-class ArcProfile(NamedTuple):
-    """Contact along the arc of a pulley, starting at the entry; arrays of equal length."""
-
-    angle: Array  # from the tangent point of the entering span [rad]
-    normal_force: Array  # [N/m]
-    slip_speed: Array  # [m/s], > 0 where the pulley is ahead of the belt
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,24 +157,23 @@ class DriveResult:
         return self.state.rods or (None,) * self.state.P.size
 
     @property
-    def shares(self) -> SlidingShares:
-        """Sliding speeds, line forces, shares outside the measured range; nan if slack."""
+    def shares(self) -> dict[str, Array]:
+        """Where the friction of the pulleys acts, as columns of the drive table; nan if slack.
+
+        There is more than one steady state only if friction falls with the speed.
+        """
         state, level = self.state, self.state.level
-        if state.slack:
-            nan = np.full(state.P.size, np.nan)
-            return SlidingShares(nan, nan, nan, nan, nan, np.zeros(nan.size, dtype=np.int64))
-        rows = []
-        for i, rod in enumerate(self._rods):
+        rows, states = np.full((state.P.size, 5), np.nan), np.zeros(state.P.size, dtype=np.int64)
+        for i, rod in enumerate(() if state.slack else self._rods):
             P_in, P_out, x = float(state.P_in[i]), float(state.P[i]), float(state.arcs.slip[i])
             f, v, _ = level.along_arc(i, np.array([P_in, P_out]), state.v0, x)
             slides = level.arcs_by_speed(i, P_in, P_out, state.v0) > state.arcs.room[i]
-            states = int(not slides[0]) + np.count_nonzero(slides[1:] != slides[:-1])
+            states[i] = int(not slides[0]) + np.count_nonzero(slides[1:] != slides[:-1])
             outside = level.outside(i, P_in, P_out, state.v0, x)
             if rod is not None:
                 f, v = rod.touching["f_N"], rod.touching["speed"]
-            rows.append((v.max(), f.min(), f.max(), *outside, states))
-        shares = SlidingShares(*np.array(rows).T)
-        return shares._replace(steady_states=shares.steady_states.astype(np.int64))
+            rows[i] = v.max(), f.min(), f.max(), *outside
+        return {**dict(zip(SHARES, rows.T, strict=True)), "steady_states": states}
 
     @property
     def friction_power(self) -> Array:
@@ -203,29 +190,23 @@ class DriveResult:
         taken_along = state.v0 * (preceding(carried) - carried)
         return self._known(state.arcs.torque * self._magnitude(state) - taken_along)
 
-    def arc_profiles(self) -> list[ArcProfile | None]:
-        """Compute the contact of each pulley; None without a steady state."""
-        profiles: list[ArcProfile | None] = []
-        for i, rod in enumerate(self._rods):
-            if self.state.slack or math.isnan(self.state.arcs.slip[i]):
-                profiles.append(None)
-            elif rod is None:
-                profiles.append(self._along_string(i))
-            else:
-                angle = rod.touching["theta"] + 0.5 * float(self.rest.laid.wraps[i])
-                profiles.append(ArcProfile(angle, rod.touching["f_N"], rod.touching["slip"]))
-        return profiles
+    def along_arc(self, i: int) -> tuple[Array, Array, Array]:
+        """Return angle from the entry [rad], line force [N/m] and slip [m/s] along an arc.
 
-    def _along_string(self, i: int) -> ArcProfile:
-        """Join the adhesion arc and the sliding arc, with (D4) summed over steps of ln P."""
-        state, level = self.state, self.state.level
+        The slip is positive where the pulley is ahead of the belt.
+        """
+        state, level, rod = self.state, self.state.level, self._rods[i]
+        if rod is not None:
+            angle = rod.touching["theta"] + 0.5 * float(self.rest.laid.wraps[i])
+            return angle, rod.touching["f_N"], rod.touching["slip"]
+        # the adhesion arc, then the sliding arc, with (D4) summed over steps of ln P
         P = np.geomspace(state.P_in[i], state.P[i], PLACES)
         force, slip, mu = level.along_arc(i, P, state.v0, float(state.arcs.slip[i]))
         steps = 0.5 * (1.0 / mu[1:] + 1.0 / mu[:-1]) * np.abs(np.diff(np.log(P)))
         from_exit = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
         angle = np.append(0.0, np.maximum(state.laid.wraps[i] - from_exit, 0.0))
         ahead = math.copysign(1.0, P[0] - P[-1])
-        return ArcProfile(angle, np.append(force[0], force), ahead * np.append(slip[0], slip))
+        return angle, np.append(force[0], force), ahead * np.append(slip[0], slip)
 
     def _known(self, values: Array) -> Array:
         """Return values, or nan for a slack drive, which has no numbers."""

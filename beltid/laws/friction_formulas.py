@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 COMPLEX_STEP = 1e-30  # nothing is subtracted, so the derivative is exact to rounding
@@ -68,6 +68,11 @@ class FrictionLaw:
         steps = 1j * COMPLEX_STEP * np.eye(len(p))
         return np.column_stack([self.mu(p + step, f, v).imag / COMPLEX_STEP for step in steps])
 
+    def text(self, p: Sequence[float] | Array, f0: float) -> str:
+        """Write the law with parameters p and a reference force f0 [N/m]; f in N/m, v in m/s."""
+        values = {name: f"{x:.6g}" for name, x in zip(self.parameters, p, strict=True)}
+        return self.pattern.format(f0=f"{f0:g}", **values)
+
 
 def _stribeck(d: int) -> FrictionLaw:
     def phi(v: Array, scale: float) -> tuple[Array, Array, Array]:
@@ -106,25 +111,3 @@ _LAWS = (
 )
 FRICTION_LAWS: Final[Mapping[str, FrictionLaw]] = {law.name: law for law in _LAWS}
 """All laws by name, in order of increasing complexity."""
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionFormula:
-    """A parametric friction law with the values of its parameters."""
-
-    law: str  # one of FRICTION_LAWS
-    reference_force_N_m: float  # f0
-    values: Mapping[str, float]  # by parameter
-
-    def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Evaluate mu [-] at forces per length [N/m] > 0 and speeds of either sign."""
-        f = np.asarray(normal_force_N_m, dtype=float) / self.reference_force_N_m
-        v = np.abs(np.asarray(slip_speed_m_s, dtype=float))
-        law = FRICTION_LAWS[self.law]
-        return law.mu([self.values[name] for name in law.parameters], *np.broadcast_arrays(f, v))
-
-    @property
-    def text(self) -> str:
-        """The law with its numbers as plain text; f in N/m, v in m/s."""
-        values = {name: f"{value:.6g}" for name, value in self.values.items()}
-        return FRICTION_LAWS[self.law].pattern.format(f0=f"{self.reference_force_N_m:g}", **values)

@@ -232,20 +232,24 @@ def march(
     A step that has no solution is taken in two, four, eight ... parts.
     """
     s.now[:] = s.last
-    for number, step in enumerate(record):
+    names = ("force", "iterations", "halvings", "residual")
+    force, iterations, halvings, residual = (record[name] for name in names)
+    given = zip(record["dt"].tolist(), record["omega"].tolist(), strict=True)
+    for number, (dt, omega) in enumerate(given):
         parts, done = 1, 0
         while done < parts:
-            motion = Motion(parts / float(step["dt"]), float(step["omega"]))
-            s.q_old[:], moved = s.q, float(s.u[1])
-            spent, step["residual"] = solver(system, motion, border, s, MOST_IN_TIME)
-            step["iterations"] += spent if spent >= 0 else MOST_IN_TIME
-            if spent < 0:
-                step["halvings"] += 1
-                if step["halvings"] > MOST_HALVINGS:
-                    return number
-                s.q[:], s.u[1], s.now[:] = s.q_old, moved, s.last
-                parts, done = 2 * parts, 2 * done
+            s.q_old[:], moved = s.q, s.u[1]
+            motion = Motion(parts / dt, omega)
+            spent, residual[number] = solver(system, motion, border, s, MOST_IN_TIME)
+            if spent >= 0:
+                iterations[number] += spent
+                done += 1
                 continue
-            done += 1
-        step["force"] = s.force
+            iterations[number] += MOST_IN_TIME
+            halvings[number] += 1
+            if halvings[number] > MOST_HALVINGS:
+                return number
+            s.q[:], s.u[1], s.now[:] = s.q_old, moved, s.last
+            parts, done = 2 * parts, 2 * done
+        force[number] = s.force
     return record.size

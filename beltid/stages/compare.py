@@ -20,7 +20,7 @@ import pandas as pd
 
 from beltid.bench.recording import Recording
 from beltid.config import Config
-from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, LossPoints, compare_losses
+from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import InputError, counted
 from beltid.identify.agreement import (
@@ -283,35 +283,28 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
     loss = measured["speed_loss_rad_s"]
     # Eq. (7): the standard error of the loss is that of the sliding speed over R
     radius = np.nanmedian(_over(measured["slip_speed_m_s"], loss))
-    points = LossPoints(
-        measured=loss,
-        measured_u=measured["slip_speed_se_m_s"] / radius,
-        predicted=predicted["loss_predicted_rad_s"],
-        predicted_u=predicted["u_input_rad_s"],
-        creep=predicted["loss_creep_rad_s"],
-        seating=predicted["loss_seating_rad_s"],
-        slip=predicted["loss_slip_rad_s"],
-        torque=measured["torque_N_m"],
-        arc_share=table["arc_share"].to_numpy(),
-        usable=measured["status"] == OK,
+    settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
+    points = {
+        **{name: measured[name] for name in settings},
+        **predicted,
+        "loss_measured_rad_s": loss,
+        "u_measured_rad_s": measured["slip_speed_se_m_s"] / radius,
+        "arc_share": table["arc_share"].to_numpy(),
+    }
+    section, usable = config.compare_drive, measured["status"] == OK
+    result = compare_losses(
+        points, usable, section.max_rms_relative_error, section.min_torque_share
     )
-    section = config.compare_drive
-    result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
     of_prediction = table["status"].fillna("no steady state")
     status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
     status[(status == OK) & ~result.judged] = "torque too small to be judged"
-    settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     return Outcome(
         {
-            **{name: measured[name] for name in settings},
-            **predicted,
-            "loss_measured_rad_s": loss,
+            **points,
             "difference_rad_s": result.difference,
             "relative_difference": _over(result.difference, loss),
-            "u_measured_rad_s": points.measured_u,
             "u_validation_rad_s": result.u_validation,
             "e_over_u": _over(result.difference, result.u_validation),
-            "arc_share": points.arc_share,
             "judged": result.judged,
             "status": status,
         },
@@ -324,7 +317,7 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
             "prominence": result.prominence,
             "largest_arc_share": result.largest_arc_share,
         },
-        validity={"torque_N_m": span(points.torque[result.judged])},
+        validity={"torque_N_m": span(measured["torque_N_m"][result.judged])},
         set_aside=[
             {"run": str(run), "why": str(why)}
             for run, why in zip(measured["run"], status, strict=True)

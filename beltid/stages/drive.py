@@ -359,21 +359,23 @@ def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
 def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:
     """Return the drive with the shortest, the mean and the longest belt, a row per pulley."""
     tolerance, rows = section.belt_length_tolerance_m, []
-    for belt in installed_belts(drive, section.method, point, tolerance) if tolerance else ():
-        result, angle = belt.result, belt.result.rest.arm_angle
-        hub = result.in_order(np.hypot(*result.hub_force.T))
+    belts = installed_belts(drive, section.method, point, tolerance) if tolerance else {}
+    for name, result in belts.items():
+        angle, largest = result.rest.arm_angle, float(np.max(result.tensions[0]))
+        forces = result.rest.hub_force, np.hypot(*result.hub_force.T), result.reserve
+        at_rest, hub, reserve = map(result.in_order, forces)
         for i, pulley in enumerate(drive.pulleys):
             rows.append(
                 {
-                    "belt": belt.name,
-                    "belt_length_m": belt.length,
+                    "belt": name,
+                    "belt_length_m": result.drive.belt_length,
                     "arm_angle_deg": None if angle is None else math.degrees(angle),
                     "tension_at_rest_N": result.rest.T_0,
                     "pulley": pulley.name,
-                    "hub_force_at_rest_N": belt.hub_force_at_rest[i],
-                    "largest_tension_N": belt.largest_tension,
+                    "hub_force_at_rest_N": at_rest[i],
+                    "largest_tension_N": largest,
                     "hub_force_N": hub[i],
-                    "reserve": result.in_order(result.reserve)[i],
+                    "reserve": reserve[i],
                 }
             )
     return rows
@@ -396,18 +398,15 @@ def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
 
 
 def _arcs(run: str, result: DriveResult) -> Rows:
-    """Return line force and sliding speed along every arc of one point."""
-    return [
-        {
-            "pulley": pulley.name,
-            "run": run,
-            "angle_deg": np.degrees(profile.angle),
-            "normal_force_N_m": profile.normal_force,
-            "slip_speed_m_s": profile.slip_speed,
-        }
-        for pulley, profile in zip(result.drive.pulleys, result.arc_profiles(), strict=True)
-        if profile is not None
-    ]
+    """Return line force and sliding speed along every arc; none without a steady state."""
+    rows, state = [], result.state
+    for i, pulley in enumerate(result.drive.pulleys):
+        if not (state.slack or math.isnan(state.arcs.slip[i])):
+            angle, force, slip = result.along_arc(i)
+            contact = {"normal_force_N_m": force, "slip_speed_m_s": slip}
+            at = {"pulley": pulley.name, "run": run, "angle_deg": np.degrees(angle)}
+            rows.append({**at, **contact})
+    return rows
 
 
 def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
@@ -431,6 +430,7 @@ def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
 def _block(result: DriveResult) -> dict[str, np.ndarray]:
     """Return the columns of one operating point, by pulley in the order of the running belt."""
     state, loss, shares = result.state, result.loss, result.shares
+    steady_states = shares.pop("steady_states")
     (before, behind), (x, y) = result.tensions, result.hub_force.T
     return {
         "driver_speed_rad_s": np.full(x.size, result.point.omega),
@@ -448,14 +448,10 @@ def _block(result: DriveResult) -> dict[str, np.ndarray]:
         "wrap_deg": np.degrees(state.laid.wraps),
         "arc_used_deg": np.degrees(result.arc_used),
         "reserve": result.reserve,
-        "slip_speed_max_m_s": shares.slip_speed_max,
-        "normal_force_min_N_m": shares.normal_force_min,
-        "normal_force_max_N_m": shares.normal_force_max,
-        "share_below_speed_range": shares.below_speed_range,
-        "share_outside_force_range": shares.outside_force_range,
+        **shares,
         "friction_power_W": result.friction_power,
         "status": np.array(result.status, dtype=object),
-        "steady_states": shares.steady_states,
+        "steady_states": steady_states,
         "span_frequency_Hz": result.span_frequency,
     }
 

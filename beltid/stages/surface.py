@@ -209,7 +209,7 @@ def _friction_formulas(
             "rms_misfit_percent": 100.0 * fit.rms_misfit,
             "worst_misfit_percent": 100.0 * fit.worst_misfit,
             "criterion": fit.criterion,
-            "formula": fit.formula.text,
+            "formula": fit.formula,
         }
         for fit in laws.fits
     ]

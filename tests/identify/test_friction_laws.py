@@ -11,7 +11,7 @@ import pytest
 
 from beltid.errors import InputError
 from beltid.identify.surface.laws import FrictionLawFit, FrictionLaws, fit_friction_laws
-from beltid.laws.friction_formulas import FrictionFormula
+from beltid.laws.friction_formulas import FRICTION_LAWS
 
 VALUES = {
     "coulomb": {"mu0": 0.7},
@@ -30,7 +30,8 @@ FORCE, SPEED = (
 
 
 def clean(law: str, **changed: float) -> np.ndarray:
-    return FrictionFormula(law, 3000.0, {**VALUES[law], **changed}).mu(FORCE, SPEED)
+    values = {**VALUES[law], **changed}
+    return FRICTION_LAWS[law].mu([*values.values()], FORCE / 3000.0, SPEED)
 
 
 def fit_of(found: FrictionLaws, law: str) -> FrictionLawFit:

@@ -25,7 +25,7 @@ from scipy.linalg import block_diag
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import SPEED_GAP
-from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula, FrictionLaw
+from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionLaw
 from beltid.mixed import Mixed, Own, Shared, Size, relinearised
 
 Array = NDArray[np.float64]
@@ -61,10 +61,10 @@ class FrictionLawFit:
     criterion: float  # -2 ln evidence, less that of the best law [-]
 
     @property
-    def formula(self) -> FrictionFormula:
-        """The law with the fitted parameters."""
-        values = {p.name: p.value for p in self.parameters}
-        return FrictionFormula(self.law, self.reference_force_N_m, values)
+    def formula(self) -> str:
+        """The law with the fitted parameters as plain text; f in N/m, v in m/s."""
+        values = [p.value for p in self.parameters]
+        return FRICTION_LAWS[self.law].text(values, self.reference_force_N_m)
 
     @property
     def determined(self) -> bool:
@@ -111,8 +111,7 @@ class FrictionLaws:
             )
         best = self.best
         text = (
-            f"Best formula: {best.law}, {best.formula.text} (f in N/m, v in m/s), misfit "
-            f"{best.misses}"
+            f"Best formula: {best.law}, {best.formula} (f in N/m, v in m/s), misfit {best.misses}"
         )
         if not best.determined:
             text += "; not all of its parameters are determined: use it within the measured range"
