@@ -219,7 +219,7 @@ FIRST_RUN = (
 def compiling() -> dict[str, float]:
     """All kernels of the rig, with an empty cache, beyond a call with a full one."""
     with tempfile.TemporaryDirectory() as empty:
-        caches = {"NUMBA_CACHE_DIR": empty, "BELTID_CACHE_DIR": empty}
+        caches = {"NUMBA_CACHE_DIR": empty}
         cold = spent(sys.executable, "-c", FIRST_RUN, extra=caches)
         warm = spent(sys.executable, "-c", FIRST_RUN, extra=caches)
     return {"seconds": cold - warm}
