@@ -4,9 +4,8 @@ The simulated recording passes the same function that reduced the measured one, 
 stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
 those of a second bench are as the config states.
 
-In a cross-validation the runs of each arc or speed are left out in turn, and simulated at their
-measured tension and speed, in the sliding limit, with a surface of the remaining runs, whose
-uncertainty becomes that of the prediction, as in `simulate-rig`.
+Runs left out are simulated at their measured tension and speed, in the sliding limit, with a
+surface of the others, whose uncertainty becomes that of the prediction, as in `simulate-rig`.
 """
 
 from __future__ import annotations
@@ -252,9 +251,8 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
 def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertainty:
     """Return the uncertainty of all predicted runs; the folds may differ in their sources.
 
-    Both sides are of one bench: its errors are none of the difference, unlike effects and an
-    interpolation, which the predicted runs have for themselves, and errors of the reduction, which
-    cancel. The settings are those of the measured runs, exactly as measured.
+    Both sides are of one bench and have the same settings: its errors are none of the difference,
+    unlike effects and an interpolation, which the predicted runs have for themselves.
     """
     sources, parts = dict[tuple[str, int], Source](), []
     for prediction in predicted:
@@ -342,10 +340,7 @@ def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
 
 
 def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
-    """Return the rows of the loaded pulley for the measured runs, missing if not predicted.
-
-    The largest sliding share of an arc is that over all pulleys.
-    """
+    """Return the rows of the loaded pulley for the measured runs, missing if not predicted."""
     loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
         raise InputError(
@@ -353,6 +348,7 @@ def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
             "recording with beltid simulate-drive --from"
         )
     table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
+    # that of the arc that slides most, over all pulleys
     shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
     rows = table[table["pulley"] == loaded].set_index("run")
     if not rows.index.isin(runs).any():

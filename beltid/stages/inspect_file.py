@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,15 +53,8 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         try:
             parts.append(_summary(source.config, path, kind))
         except InputError as error:
-            parts.append(
-                Summary(
-                    stage="inspect",
-                    title=str(path),
-                    warnings=error.problems,
-                    verdict=f"cannot be read: {error.problems[0]}",
-                    exit_status=EXIT_INPUT,
-                )
-            )
+            failed = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
+            parts.append(replace(failed, verdict=f"cannot be read: {error.problems[0]}"))
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
     return Summary(
         stage="inspect",
