@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.recording import Recording
+from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, LossPoints, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
@@ -36,7 +36,7 @@ from beltid.refine.inverse import refine_surface
 from beltid.refine.posterior import SPEED_BEND
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
-from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
+from beltid.stages.friction import reduce_rig, reduction_columns
 from beltid.stages.inputs import Columns, friction_columns, press_law, span, with_tensions
 from beltid.stages.surface import (
     NEEDED,
@@ -105,7 +105,8 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        return reduction_columns(reduce_rig(simulated_recording(frame), config))
+        recording = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
+        return reduction_columns(reduce_rig(recording, config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {name: np.asarray(frame[name]) for name in names}
         frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
@@ -132,11 +133,7 @@ def agreement(
         few = f"only {n} of {result.n_usable} measured runs were compared"
         warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        {
-            **result.to_columns(),
-            **parts.columns(result),
-            "status": np.full(n, "ok", dtype=object),
-        },
+        result.to_columns() | parts.columns(result) | {"status": np.full(n, OK, dtype=object)},
         result,
         facts={
             "runs_compared": n,

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from beltid.bench.recording import Recording, recording_in
+from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators import snap_to_settings
@@ -247,11 +247,6 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     return reduce_records(
         records, radius, config.uncertainty.cell_gain_rel, config.friction.free_at_rest
     )
-
-
-def simulated_recording(frame: Any) -> Recording:
-    """Return a frame with the columns of rig.csv as a recording of the simulated rig."""
-    return replace(recording_in(frame, "rig"), is_artifact=True)
 
 
 def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
