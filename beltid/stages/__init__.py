@@ -14,3 +14,13 @@ Other commands: ``inspect_file`` (and a config for a new belt), ``about`` (versi
 config, any artifact), ``report_belt`` (``page_mark``: whether a page is in date), ``export_law``.
 ``inputs`` are laws, surfaces and runs from files or memory; ``workers`` do the heavy calls.
 """
+
+from importlib import import_module
+from types import ModuleType
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a module of the room when it is first used: a help text needs none of them."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return import_module(f"{__name__}.{name}")

@@ -25,10 +25,9 @@ LIBRARIES: Final = (
 )
 
 WITHOUT: Final = {
-    "press": "no recording of the press (data.press): no contact law; the friction surface is that "
-    "of the published procedure, not refined, and nothing is simulated, compared or predicted",
-    "rig": "no recording of the friction rig (data.rig): no friction; the contact law of the press "
-    "and the sliding speeds in service are all that is found",
+    "press": "no recording of the press (data.press): no contact law; the surface is not refined, "
+    "nothing is simulated, compared or predicted",
+    "rig": "no recording of the friction rig (data.rig): only contact law and sliding speeds",
 }
 """Kind of recording needed by the full chain -> warning if it is missing."""
 TABLE: Final = ".csv"

@@ -4,9 +4,8 @@ The simulated recording passes the same function that reduced the measured one, 
 stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
 those of a second bench are as the config states.
 
-In a cross-validation the runs of each arc or speed are left out in turn, and simulated at their
-measured tension and speed, in the sliding limit, with a surface of the remaining runs, whose
-uncertainty becomes that of the prediction, as in `simulate-rig`.
+Runs left out are simulated at their measured tension and speed, in the sliding limit, with a
+surface of the others, whose uncertainty becomes that of the prediction, as in `simulate-rig`.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.recording import Recording
+from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
@@ -37,7 +36,7 @@ from beltid.refine.inverse import refine_surface
 from beltid.refine.posterior import SPEED_BEND
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
-from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
+from beltid.stages.friction import reduce_rig, reduction_columns
 from beltid.stages.inputs import Columns, friction_columns, press_law, span, with_tensions
 from beltid.stages.surface import (
     NEEDED,
@@ -106,7 +105,8 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        return reduction_columns(reduce_rig(simulated_recording(frame), config))
+        recording = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
+        return reduction_columns(reduce_rig(recording, config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {name: np.asarray(frame[name]) for name in names}
         frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
@@ -133,11 +133,7 @@ def agreement(
         few = f"only {n} of {result.n_usable} measured runs were compared"
         warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        {
-            **result.to_columns(),
-            **parts.columns(result),
-            "status": np.full(n, "ok", dtype=object),
-        },
+        result.to_columns() | parts.columns(result) | {"status": np.full(n, OK, dtype=object)},
         result,
         facts={
             "runs_compared": n,
@@ -252,9 +248,8 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
 def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertainty:
     """Return the uncertainty of all predicted runs; the folds may differ in their sources.
 
-    Both sides are of one bench: its errors are none of the difference, unlike effects and an
-    interpolation, which the predicted runs have for themselves, and errors of the reduction, which
-    cancel. The settings are those of the measured runs, exactly as measured.
+    Both sides are of one bench and have the same settings: its errors are none of the difference,
+    unlike effects and an interpolation, which the predicted runs have for themselves.
     """
     sources, parts = dict[tuple[str, int], Source](), []
     for prediction in predicted:
@@ -335,10 +330,7 @@ def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
 
 
 def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
-    """Return the rows of the loaded pulley for the measured runs, missing if not predicted.
-
-    The largest sliding share of an arc is that over all pulleys.
-    """
+    """Return the rows of the loaded pulley for the measured runs, missing if not predicted."""
     loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
         raise InputError(
@@ -346,6 +338,7 @@ def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
             "recording with beltid simulate-drive --from"
         )
     table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
+    # that of the arc that slides most, over all pulleys
     shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
     rows = table[table["pulley"] == loaded].set_index("run")
     if not rows.index.isin(runs).any():

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from beltid.bench.recording import Recording, recording_in
+from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators import snap_to_settings
@@ -249,17 +249,11 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     )
 
 
-def simulated_recording(frame: Any) -> Recording:
-    """Return a frame with the columns of rig.csv as a recording of the simulated rig."""
-    return replace(recording_in(frame, "rig"), is_artifact=True)
-
-
 def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     """Return the records of the runs of a recording.
 
-    The recording of the simulated rig holds the tensions of both spans from perfect load cells, for
-    every kind of bench. Only the span of a dead weight has no cell: its tension is the initial
-    tension. The belt of a running rig runs here as well.
+    That of the simulated rig holds the tensions of both spans from perfect load cells, for every
+    kind of bench. Only the span of a dead weight has no cell: its tension is the initial tension.
     """
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
@@ -462,10 +456,7 @@ def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
 
 
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
-    """Return runs over time for the report: typical runs and runs set aside in detail, all thinned.
-
-    They are stored with the results, so that a report can be written without the recordings.
-    """
+    """Return runs over time for the report, thinned: typical ones and those set aside less."""
     labels = friction.columns["run"]
     aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE].tolist()
     samples = {str(labels[k]): MOST_SAMPLES for k in (*typical_runs(friction.columns), *aside)}
@@ -504,10 +495,7 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
 
 
 def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
-    """Return a run with the tensions as measured or derived on this rig.
-
-    Of a long one, the samples with the extremes of neighbouring tensions are kept.
-    """
+    """Return a run; of a long one, the samples with the extremes of neighbouring tensions."""
     tight, slack = record.tension_tight_N, record.tension_slack_N
     kept = np.arange(tight.size)
     if tight.size > most:

@@ -204,8 +204,7 @@ def ok_rows(friction: Columns) -> np.ndarray:
 def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
     """Fill in the nominal tension of runs that do not state one.
 
-    It is the tension at rest, or if unknown the mean of both tensions while sliding. On a rig with
-    a constant hub force the mean takes precedence.
+    It is that at rest, else the mean of both while sliding; under a constant hub force the mean.
     """
     setting = np.asarray(friction["nominal_tension_N"], dtype=float)
     unknown = np.full(setting.size, np.nan)
@@ -260,8 +259,7 @@ def friction_of(surface: Artifact) -> Artifact | None:
 def standard_uncertainties(config: Config) -> StandardUncertainties:
     """Return the standard uncertainties of a config in SI, and which of them were stated.
 
-    Those of the torque are zero on a rig without a torque cell; that of the belt's mass is zero on
-    a rig whose belt does not run.
+    Without a torque cell those of the torque are zero, and that of the mass if no belt runs.
     """
     section = config.uncertainty
     values = {UNIT.sub("", key): value for key, value in section.si().items()}
@@ -286,10 +284,7 @@ def at(item: Any) -> Iterator[None]:
 
 
 def columns_from(kind: str, rows: Sequence[Any], **more: Any) -> dict[str, np.ndarray]:
-    """Return the columns of a kind from attributes of these names, and from `more`.
-
-    A number that the schema does not allow becomes nan.
-    """
+    """Return the columns of a kind from attributes and `more`; a number not allowed becomes nan."""
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table(kind).columns:
         name = column.name

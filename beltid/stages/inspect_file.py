@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,14 +32,11 @@ SHOWN_RUNS: Final = 8
 Sections = dict[str, dict[str, list[str]]]
 """Section of a config -> kind of recording -> its lines."""
 SETTINGS: Final = {
-    "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
-    "rig.initial_tensions_N": (
-        ("initial_tension_N", "weight_N"),
-        SAME_SETTING["nominal_tension_N"],
-    ),
-    "rig.pulley_speeds_rad_s": (("pulley_speed_rad_s",), SAME_SETTING["pulley_speed_rad_s"]),
+    "rig.arcs_deg": ("arc_deg",),
+    "rig.initial_tensions_N": ("initial_tension_N", "weight_N"),
+    "rig.pulley_speeds_rad_s": ("pulley_speed_rad_s",),
 }
-"""List of the config -> columns of a recording that contain it, relative gap of one setting."""
+"""List of the config -> columns of a recording that contain it, in the order of `SAME_SETTING`."""
 MOST_SETTINGS: Final = 30
 """Number of values above which every run is assumed to have its own setting."""
 
@@ -52,15 +50,8 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         try:
             parts.append(_summary(source.config, path, kind))
         except InputError as error:
-            parts.append(
-                Summary(
-                    stage="inspect",
-                    title=str(path),
-                    warnings=error.problems,
-                    verdict=f"cannot be read: {error.problems[0]}",
-                    exit_status=EXIT_INPUT,
-                )
-            )
+            failed = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
+            parts.append(replace(failed, verdict=f"cannot be read: {error.problems[0]}"))
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
     return Summary(
         stage="inspect",
@@ -273,7 +264,7 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
     if inspection.kind != "rig":
         return {}
     values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
-    for key, (columns, gap) in SETTINGS.items():
+    for (key, columns), gap in zip(SETTINGS.items(), SAME_SETTING.values(), strict=True):
         recorded = [run[c] for run in inspection.runs for c in columns if c in run]
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})

@@ -76,10 +76,7 @@ def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
 
 
 def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
-    """Return the mark of a page of belts; empty if that at `out` is up to date.
-
-    Any other file is not replaced, a page that was edited is written again.
-    """
+    """Return the mark of a page of belts; empty if that at `out` is up to date and not edited."""
     check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
     links = links_to(belts, out) if len(belts) > 1 else []
     record = [__version__, page_source_sha256(), links, [belt.content() for belt in belts]]
@@ -104,10 +101,7 @@ def sealed(text: str) -> str:
 
 
 def recordings_of(folder: Path) -> Collection[str]:
-    """Return the recordings that the config of a folder names; empty if it is not known.
-
-    It is the config found for the folder, if the results were made with it.
-    """
+    """Return the recordings that the config of a folder's results names; empty if not known."""
     with contextlib.suppress(ConfigError):
         config = find_config(folder / "stiffness.parquet").config
         for name in ("friction", "stiffness", "slip"):

@@ -264,9 +264,7 @@ def _verdict(plan: Plan, goal_u: float) -> str:
         f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs, further "
         f"ones hardly lower its uncertainty, {before:.2g} %"
     )
-    if plan.best_statement is None:
-        return text
-    return (
-        f"{text}; halving the uncertainty of {plan.best_statement.source.name} would help most and "
-        f"give {100.0 * plan.best_statement.halved:.2g} %"
-    )
+    if best := plan.best_statement:
+        text += f"; halving the uncertainty of {best.source.name} would help most and give "
+        text += f"{100.0 * best.halved:.2g} %"
+    return text

@@ -64,10 +64,7 @@ def run(
 
 
 def write_page(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summary:
-    """Write the page of a belt, or one that compares several with links to theirs; if not in date.
-
-    Its text has a seal in the last line.
-    """
+    """Write the page of a belt, or one that compares several with links; unless it is in date."""
     facts, results = dict[str, Any](), [gather(belt) for belt in belts]
     mark = mark_to_write(belts, out, force=force)
     if mark:

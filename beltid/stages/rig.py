@@ -175,8 +175,7 @@ def planned_runs(
 ) -> tuple[PlannedRun, ...]:
     """Return the runs to simulate, in the order of the setting lists.
 
-    `friction` has the runs of the bench, `picked` the arcs [deg], tensions [N] and speeds [rad/s]
-    that the user wants; an empty list means all.
+    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that are wanted; empty: all.
     """
     measured = None if friction is None else measured_settings(friction, config)
     lists = setting_lists(config, measured)
@@ -223,8 +222,7 @@ def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list
 def measured_settings(friction: Columns, config: Config) -> np.ndarray:
     """Return the settings of the usable runs of a bench, each combination once.
 
-    The scatter of motors and weights is removed from repeated settings by their medians. If most
-    values of a campaign are distinct, each run keeps its measured value.
+    Repeated settings lose the scatter of motors and weights; distinct ones are as measured.
     """
     settings = with_tensions(friction, config)
     rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
@@ -402,13 +400,9 @@ class SimulatedRun:
         return pd.DataFrame(self.result.profile)
 
     def __repr__(self) -> str:
-        run = self.settings
-        head = (
-            f"run of the simulated rig: {run.arc_deg:g}°, {run.initial_tension_N:g} N, "
-            f"{run.pulley_speed_rad_s:g} rad/s"
-        )
-        state = [f"  {name} = {getattr(self, name):.6g}" for name in STATE]
-        return "\n".join([head, *state, "  .recording over time, .profile along the arc"])
+        shown = [(self.settings, name) for name in SETTINGS] + [(self, name) for name in STATE]
+        values = ", ".join(f"{name}={getattr(of, name):.6g}" for of, name in shown)
+        return f"SimulatedRun({values})"
 
 
 def simulate_rig(

@@ -1,7 +1,8 @@
 """The steps of the method, in the order of the work: what each reads, uses and makes.
 
 A step is the command of its name, the Python function, and the step of the chain; its docstring is
-the help of the command. The work of a step stands in the module that it imports.
+the help of the command. The work of a step stands in the module that it names,
+which is imported when it is called.
 
 In Python, a recording or a table of runs is a DataFrame, a pyarrow Table or a mapping with the
 columns of its file; reduced runs are also the `Outcome` of `fit_friction`. A surface is a
@@ -15,6 +16,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
+from beltid import stages
 from beltid.errors import EXIT_NUMERICS
 from beltid.stage import Outcome, stage
 
@@ -59,9 +61,7 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-stiffness press.csv
     """
-    from beltid.stages.friction import contact_law
-
-    return contact_law(frame, config)
+    return stages.friction.contact_law(frame, config)
 
 
 @stage("fit-slip", makes="slip", reads={"frame": "speedloss"}, uses=("rig", "drive"))
@@ -87,9 +87,7 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-slip speedloss.csv
     """
-    from beltid.stages.friction import sliding_speeds
-
-    return sliding_speeds(frame, config)
+    return stages.friction.sliding_speeds(frame, config)
 
 
 @stage(
@@ -135,9 +133,7 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     --------
     beltid fit-friction rig.csv
     """
-    from beltid.stages.friction import reduced
-
-    return reduced(frame, config)
+    return stages.friction.reduced(frame, config)
 
 
 @stage(
@@ -179,9 +175,7 @@ def build_surface(
     --------
     beltid build-surface friction.parquet
     """
-    from beltid.stages.surface import published
-
-    return published(friction, config, {"condition": condition, "side": side})
+    return stages.surface.published(friction, config, {"condition": condition, "side": side})
 
 
 @stage(
@@ -232,9 +226,8 @@ def refine_surface(
     --------
     beltid refine-surface friction.parquet stiffness.parquet
     """
-    from beltid.stages.surface import refined
-
-    return refined(friction, law, config, {"condition": condition, "side": side}, workers)
+    chosen = {"condition": condition, "side": side}
+    return stages.surface.refined(friction, law, config, chosen, workers)
 
 
 def _campaign_file(**options: Any) -> str:
@@ -246,10 +239,9 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
     if "friction" in files:  # as in the chain, where nothing heavy is imported
         return files
-    from beltid.stages.inputs import friction_of
     from beltid.store.artifact import read_artifact
 
-    friction = friction_of(read_artifact(files["surface"], "surface"))
+    friction = stages.inputs.friction_of(read_artifact(files["surface"], "surface"))
     return files if friction is None else {**files, "friction": friction.path}
 
 
@@ -307,11 +299,9 @@ def simulate_recording(
     --------
     beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
-    from beltid.stages.rig import simulated
-    from beltid.stages.workers import threads
-
     picked = arc or (), tension or (), speed or ()
-    return simulated(surface, law, friction, config, picked, method, workers or threads(jobs))
+    workers = workers or stages.workers.threads(jobs)
+    return stages.rig.simulated(surface, law, friction, config, picked, method, workers)
 
 
 @stage(
@@ -354,9 +344,7 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
     --------
     beltid compare friction.parquet simulated.parquet
     """
-    from beltid.stages.compare import compared
-
-    return compared(friction, simulated, config)
+    return stages.compare.compared(friction, simulated, config)
 
 
 @stage(
@@ -403,11 +391,9 @@ def cross_validate(
     --------
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
-    from beltid.stages.compare import predicted_runs
-    from beltid.stages.workers import threads
-
     by = by or config.cross_validate.by
-    return predicted_runs(friction, law, config, by, workers or threads(jobs))
+    workers = workers or stages.workers.threads(jobs)
+    return stages.compare.predicted_runs(friction, law, config, by, workers)
 
 
 @stage(
@@ -444,9 +430,7 @@ def predict_drive(
     --------
     beltid simulate-drive surface_refined.parquet stiffness.parquet --from slip.parquet
     """
-    from beltid.stages.drive import predicted
-
-    return predicted(surface, law, slip, config)
+    return stages.drive.predicted(surface, law, slip, config)
 
 
 def simulate_drive(config: ConfigLike, surface: Any, law: Any) -> Outcome[Any]:
@@ -476,9 +460,7 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
     --------
     beltid compare-drive slip.parquet drive.parquet
     """
-    from beltid.stages.compare import compared_losses
-
-    return compared_losses(slip, drive, config)
+    return stages.compare.compared_losses(slip, drive, config)
 
 
 def _plan_bytes(outcome: Outcome[Any]) -> bytes:
@@ -542,9 +524,7 @@ def plan_runs(
     --------
     beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """
-    from beltid.stages.plan import planned
-
-    return planned(surface, law, config, friction, runs, goal_u)
+    return stages.plan.planned(surface, law, config, friction, runs, goal_u)
 
 
 @stage(
@@ -556,9 +536,7 @@ def plan_runs(
 )
 def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the branches of the press cycles that the report shows."""
-    from beltid.stages.friction import press_branches
-
-    return press_branches(frame, config)
+    return stages.friction.press_branches(frame, config)
 
 
 @stage(
@@ -570,9 +548,7 @@ def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 )
 def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the runs over time that the report shows, thinned."""
-    from beltid.stages.friction import rig_runs
-
-    return rig_runs(frame, friction, config)
+    return stages.friction.rig_runs(frame, friction, config)
 
 
 def read_press(path: str | Path, config: ConfigLike = None) -> Any:

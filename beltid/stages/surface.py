@@ -165,10 +165,7 @@ def said_of_surface(
     ranges: tuple[np.ndarray, np.ndarray],
     uncertainty: SurfaceUncertainty,
 ) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
-    """Return the facts, tables and notes that a published and a refined surface share.
-
-    `ranges` are the forces and speeds of the runs.
-    """
+    """Return facts, tables and notes of any surface; `ranges`: forces and speeds of the runs."""
     stated = {name: columns[name][rows[0]] for name in CONDITIONS if name in columns}
     stated = {name: str(word) for name, word in stated.items() if word is not None}
     force, speed = (span(values) for values in ranges)
@@ -345,8 +342,7 @@ def prepared_campaign(
 def rig_of_runs(columns: Columns, config: Config) -> Rig:
     """Return the rig that the runs are simulated on.
 
-    While the whole arc slides, one tension determines the other, whatever the history. If no
-    tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
+    If no tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
     """
     if "torque_with" in columns and config.rig.kind != "torque":
         raise InputError(

@@ -99,10 +99,7 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
     # and S20 of the synthetic recording; the string is 0.06 away
     assert losses["rod"] / losses["string"] == pytest.approx([0.934, 0.942], abs=0.02)
     for outcome in found.values():
-        assert [row["pulley"] for row in outcome.tables["arcs"]] == ["driver", "driven"]
         for row in outcome.tables["arcs"]:
-            assert min(row["angle_deg"]) >= 0.0
-            assert max(row["angle_deg"]) <= 182.0
             ahead = 1.0 if row["pulley"] == "driver" else -1.0
             assert ahead * np.asarray(row["slip_speed_m_s"])[-3] > 0.0
 
