@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from beltid._version import __version__
-from beltid.errors import EXIT_OUT_OF_TOLERANCE, ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
 
 if TYPE_CHECKING:
@@ -145,13 +145,12 @@ class Built:
 
     artifact: Artifact
     up_to_date: bool
-    fails_with: int = EXIT_OUT_OF_TOLERANCE
 
     def summary(self) -> Summary:
         """Return what its user sees."""
         from beltid.report.view import summary_of
 
-        return summary_of(self.artifact, up_to_date=self.up_to_date, fails_with=self.fails_with)
+        return summary_of(self.artifact, up_to_date=self.up_to_date)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +184,6 @@ class Stage:
     """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
     """Turns the outcome into the bytes of a file that is no artifact."""
-    fails_with: int = EXIT_OUT_OF_TOLERANCE  # exit status if `passed` is False
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -241,7 +239,7 @@ class Stage:
         """Compute from files, unless `out` was made from the same."""
         reads, planned, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
-            return Built(existing, True, self.fails_with)
+            return Built(existing, True)
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
         items = self._read(reads, source.config)
@@ -258,7 +256,7 @@ class Stage:
             raise InputError([f"{path}: was changed while it was read" for path in changed])
         made_of = self._made_of(reads, items, planned, source.config)
         made = self._write(outcome, replace(planned, **outcome.said() | made_of), out)
-        return Built(made, False, self.fails_with)
+        return Built(made, False)
 
     def look(
         self,

@@ -15,7 +15,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.errors import EXIT_NUMERICS
 from beltid.stage import Outcome, stage
 
 ConfigLike = Any
@@ -261,7 +260,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     uses=(*OF_RIG, "friction"),
     guests=("friction",),
     finds=_friction_beside,
-    fails_with=EXIT_NUMERICS,
 )
 def simulate_recording(
     surface: Any,
