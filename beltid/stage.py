@@ -162,12 +162,6 @@ class Input:
     name: str
     besides: list[Path]  # files among those of the path that do not belong to it
 
-    def content(self) -> str:
-        """Return the hash of its content."""
-        from beltid.bench.files import content_of
-
-        return content_of(self.path, self.besides)
-
 
 @dataclass(eq=False)
 class Stage:
@@ -237,6 +231,8 @@ class Stage:
         **options: Any,
     ) -> Built:
         """Compute from files, unless `out` was made from the same."""
+        from beltid.bench.files import content_of
+
         reads, planned, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
             return Built(existing, True)
@@ -251,9 +247,13 @@ class Stage:
         outcome = self.compute(**given)
         heard = [note for item in items.values() for note in getattr(item, "notes", ())]
         outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
-        changed = [f.path for f in reads.values() if f.content() != planned.inputs[f.name]]
+        changed = [
+            f"{file.path}: was changed while it was read"
+            for file in reads.values()
+            if content_of(file.path, file.besides) != planned.inputs[file.name]
+        ]
         if changed:
-            raise InputError([f"{path}: was changed while it was read" for path in changed])
+            raise InputError(changed)
         made_of = self._made_of(reads, items, planned, source.config)
         made = self._write(outcome, replace(planned, **outcome.said() | made_of), out)
         return Built(made, False)
@@ -282,7 +282,7 @@ class Stage:
             reads[role] = Input(given[role], kind, name, besides)
         existing = self._check_place(source, reads, out, force=force)
         kinds = [file.kind for file in reads.values()]
-        inputs = {file.name: file.content() for file in reads.values()}
+        inputs = {file.name: content_of(file.path, file.besides) for file in reads.values()}
         tables = {kind: path for kind, path in config.run_tables.items() if kind in kinds}
         inputs |= {f"{kind}_runs": content_of(path) for kind, path in tables.items()}
         settings = self._settings(config, kinds, options)

@@ -42,10 +42,10 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
             refuse_out(common)
         made = work()
         if isinstance(made, str) and common.out is not None:
-            from beltid.store.disk import check_place, write_text
+            from beltid.store.disk import check_place, write_bytes
 
             check_place(common.out, TEXT_ENDINGS, force=common.force)
-            write_text(common.out, made)
+            write_bytes(common.out, made.encode())
             log.info("%s written", common.out)
             raise typer.Exit
         if not isinstance(made, str):
