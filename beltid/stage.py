@@ -371,14 +371,14 @@ class Stage:
         self, reads: Mapping[str, Input], items: Mapping[str, Any], planned: Record, config: Config
     ) -> dict[str, Any]:
         """Return origin and ancestors of what is made of some inputs."""
-        from beltid.store.artifact import Artifact, ancestors_of, combined_origin
+        from beltid.store.artifact import Artifact, combined_origin
 
         origins, ancestors = list[str | None](), dict[str, str]()
         for role, item in items.items():
             file = reads[role]
             if isinstance(item, Artifact):
                 origins.append(item.origin)
-                ancestors |= ancestors_of(item)
+                ancestors |= item.record.ancestors | {item.name: item.sha256}
                 continue
             if item.is_artifact:  # a simulated recording
                 origins.append("synthetic")
