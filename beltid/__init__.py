@@ -12,38 +12,6 @@ between a V-ribbed belt and a pulley", Mechanism and Machine Theory 45 (2010) 14
                               pulley_speed_rad_s=0.21, method="steady")
 
 Errors that a user can correct raise a subclass of `BeltidError`.
-
-Map of the packages; a package imports only from those below it:
-
-====================== ====================================================== =================
-Module                 Responsibility                                         Paper eq.
-====================== ====================================================== =================
-``cli``                the commands; the only package that prints or exits
-``batch``              the whole chain for one or several belts
-``stages``             the steps of the method, and what the other commands do
-``stage``              what a step is: function, command, freshness, origin
-``report``             figures, pages, summaries for the terminal
-``export``             the contact law for other programs
-``bench``              bench recordings: any format to validated columns
-``store``              results: self-describing Parquet files, written atomically
-``config``             YAML to a frozen model; errors with line and column
-``tables``             column definitions: name, type, unit, range, meaning
-``plan``               which rig runs to measure next, and when to stop
-``uncertainty``        budgets, normalized differences                        JCGM 100
-``refine``             inverse problem: the surface that gives the tensions   beyond section 4
-``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
-``identify.slip``      speed loss to sliding speed                            Eq. (7)
-``identify.friction``  rig run to friction coefficient                        Eqs. (5) to (8)
-``identify.surface``   rig runs to friction surface                           section 2.2
-``identify.agreement`` measured against simulated                             section 4
-``drive``              belt drive from the identified laws: speed loss, forces section 2.2
-``rig``                the simulated rig: ANCF belt, contact, stick-slip      Eqs. (9) to (12)
-``mixed``              estimation: linear mixed model, sizes by likelihood
-``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
-``params``             frozen parameter values with their bounds
-``notes``              notes and progress, by the logger of the standard library
-``errors``             the errors, with their exit statuses
-====================== ====================================================== =================
 """
 
 from __future__ import annotations

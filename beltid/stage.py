@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from beltid._version import __version__
-from beltid.errors import EXIT_OUT_OF_TOLERANCE, ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
 
 if TYPE_CHECKING:
@@ -145,13 +145,12 @@ class Built:
 
     artifact: Artifact
     up_to_date: bool
-    fails_with: int = EXIT_OUT_OF_TOLERANCE
 
     def summary(self) -> Summary:
         """Return what its user sees."""
         from beltid.report.view import summary_of
 
-        return summary_of(self.artifact, up_to_date=self.up_to_date, fails_with=self.fails_with)
+        return summary_of(self.artifact, up_to_date=self.up_to_date)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +161,6 @@ class Input:
     kind: str
     name: str
     besides: list[Path]  # files among those of the path that do not belong to it
-
-    def content(self) -> str:
-        """Return the hash of its content."""
-        from beltid.bench.files import content_of
-
-        return content_of(self.path, self.besides)
 
 
 @dataclass(eq=False)
@@ -185,7 +178,6 @@ class Stage:
     """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
     """Turns the outcome into the bytes of a file that is no artifact."""
-    fails_with: int = EXIT_OUT_OF_TOLERANCE  # exit status if `passed` is False
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -239,9 +231,11 @@ class Stage:
         **options: Any,
     ) -> Built:
         """Compute from files, unless `out` was made from the same."""
+        from beltid.bench.files import content_of
+
         reads, planned, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
-            return Built(existing, True, self.fails_with)
+            return Built(existing, True)
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
         items = self._read(reads, source.config)
@@ -253,12 +247,16 @@ class Stage:
         outcome = self.compute(**given)
         heard = [note for item in items.values() for note in getattr(item, "notes", ())]
         outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
-        changed = [f.path for f in reads.values() if f.content() != planned.inputs[f.name]]
+        changed = [
+            f"{file.path}: was changed while it was read"
+            for file in reads.values()
+            if content_of(file.path, file.besides) != planned.inputs[file.name]
+        ]
         if changed:
-            raise InputError([f"{path}: was changed while it was read" for path in changed])
+            raise InputError(changed)
         made_of = self._made_of(reads, items, planned, source.config)
         made = self._write(outcome, replace(planned, **outcome.said() | made_of), out)
-        return Built(made, False, self.fails_with)
+        return Built(made, False)
 
     def look(
         self,
@@ -284,7 +282,7 @@ class Stage:
             reads[role] = Input(given[role], kind, name, besides)
         existing = self._check_place(source, reads, out, force=force)
         kinds = [file.kind for file in reads.values()]
-        inputs = {file.name: file.content() for file in reads.values()}
+        inputs = {file.name: content_of(file.path, file.besides) for file in reads.values()}
         tables = {kind: path for kind, path in config.run_tables.items() if kind in kinds}
         inputs |= {f"{kind}_runs": content_of(path) for kind, path in tables.items()}
         settings = self._settings(config, kinds, options)
@@ -373,14 +371,14 @@ class Stage:
         self, reads: Mapping[str, Input], items: Mapping[str, Any], planned: Record, config: Config
     ) -> dict[str, Any]:
         """Return origin and ancestors of what is made of some inputs."""
-        from beltid.store.artifact import Artifact, ancestors_of, combined_origin
+        from beltid.store.artifact import Artifact, combined_origin
 
         origins, ancestors = list[str | None](), dict[str, str]()
         for role, item in items.items():
             file = reads[role]
             if isinstance(item, Artifact):
                 origins.append(item.origin)
-                ancestors |= ancestors_of(item)
+                ancestors |= item.record.ancestors | {item.name: item.sha256}
                 continue
             if item.is_artifact:  # a simulated recording
                 origins.append("synthetic")

@@ -37,7 +37,6 @@ from beltid.tables.units import (
     CONVERSIONS,
     Calibration,
     Conversion,
-    allowed_units,
     calibration,
     canonical_unit,
     conversion,
@@ -373,7 +372,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
         return ask(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}")
     if conversion(unit, ours) is None and plain != "1":
-        allowed = ", ".join(allowed_units(ours))
+        allowed = ", ".join(CONVERSIONS.get(ours, {}))
         return ask(f"is in {unit}, must be one of {allowed}", "{factor: ..., offset: 0}")
     return conversion(unit, ours)
 

@@ -12,7 +12,7 @@ import pandas as pd
 from beltid.bench.names import POSITION
 from beltid.bench.numbers import NumberSigns
 from beltid.errors import InputError, Problems
-from beltid.tables.units import T, allowed_units, conversion
+from beltid.tables.units import CONVERSIONS, T, conversion
 
 SCALING: Final = {
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
@@ -155,6 +155,6 @@ def in_seconds(times: T, unit: str, place: str) -> T:
     """Convert times to seconds, also without a unit; InputError for a unit of no time."""
     by = conversion(unit, "s") or conversion(unit.lower(), "s")
     if by is None and unit.strip():
-        allowed = ", ".join(allowed_units("s"))
+        allowed = ", ".join(CONVERSIONS["s"])
         raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
     return times if by is None or by.factor == 1.0 else by.apply(times)

@@ -15,7 +15,7 @@ import typer
 
 from beltid.cli.process import CLEAR_LINE, if_stopped, mute
 from beltid.cli.program import Common
-from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
+from beltid.errors import BeltidError, InputError, printable
 from beltid.notes import heard_by, log, python_warnings
 
 if TYPE_CHECKING:
@@ -42,10 +42,10 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
             refuse_out(common)
         made = work()
         if isinstance(made, str) and common.out is not None:
-            from beltid.store.disk import check_place, write_text
+            from beltid.store.disk import check_place, write_bytes
 
             check_place(common.out, TEXT_ENDINGS, force=common.force)
-            write_text(common.out, made)
+            write_bytes(common.out, made.encode())
             log.info("%s written", common.out)
             raise typer.Exit
         if not isinstance(made, str):
@@ -70,7 +70,7 @@ def refuse_out(common: Common) -> None:
 
 @contextmanager
 def _statuses(common: Common, kept: str) -> Iterator[None]:
-    """Let the terminal hear the notes; turn errors into exit statuses: the only place that does."""
+    """Let the terminal hear the notes; turn our errors into exit statuses."""
     with heard_by(Terminal(quiet=common.quiet, verbose=common.verbose)):
         try:
             with if_stopped(kept), python_warnings():
@@ -79,11 +79,6 @@ def _statuses(common: Common, kept: str) -> Iterator[None]:
             for problem in error.problems:
                 log.error("%s", problem)
             raise typer.Exit(error.exit_status) from None
-        except OSError as error:
-            if error.filename is None:  # not about a file that the user named
-                raise
-            log.error("%s", printable(f"{error.filename}: {error.strerror}"))
-            raise typer.Exit(EXIT_INPUT) from None
 
 
 def _report(summary: Summary, common: Common, elapsed_s: float) -> None:

@@ -60,11 +60,6 @@ FILES: Final = (
     "CSV, Zwick, LabVIEW .lvm, TDMS, MDF, MATLAB, Excel, Parquet; or a folder, a pattern in quotes "
     "or a zip file with a file per run"
 )
-BENCHES: Final = {
-    "press": "the compression press",
-    "speedloss": "the speed-loss bench",
-    "rig": "the friction rig",
-}
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
@@ -298,10 +293,10 @@ def _short(stage: Any) -> str:
 def _about(kind: str) -> str:
     from beltid.tables import schemas
 
-    if kind in BENCHES:
-        how = "beltid inspect FILE shows how it is read, and which columns it may have"
-        return f"Recording of {BENCHES[kind]} ({FILES}); {how}."
-    name = f"{kind}.parquet of {schemas.table(kind).command.removeprefix('beltid ')}"
+    by = schemas.table(kind).command
+    if kind in schemas.RECORDINGS:
+        return f"Recording of {by} ({FILES}); beltid inspect FILE shows how it is read."
+    name = f"{kind}.parquet of {by.removeprefix('beltid ')}"
     return f"{name}, or surface_refined.parquet." if kind == "surface" else f"{name}."
 
 
@@ -365,10 +360,10 @@ def main() -> None:
     hear_signals()
     try:
         app()
-    except OSError as error:  # such as a file name that is too long, before the work starts
+    except OSError as error:  # such as a file name that is too long
         try:
             Path.cwd()
-            if error.filename is None:
+            if error.filename is None:  # not about a file that the user named
                 raise
             problem = printable(f"{error.filename}: {error.strerror}")
         except FileNotFoundError:

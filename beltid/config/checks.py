@@ -18,7 +18,7 @@ from typing import Any, Final
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
 from beltid.tables.schemas import interval
-from beltid.tables.units import allowed_units, calibration, conversion
+from beltid.tables.units import CONVERSIONS, calibration, conversion
 
 FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
 PLAIN_WORDS: Final = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
@@ -223,7 +223,7 @@ def unit_of(target: str) -> Check:
     """Return the check of a unit that converts to that of a column, or of a calibration."""
     finite = Number(-LARGEST, LARGEST)
     parts = Keys({"factor": finite, "offset": finite}, {"offset": 0.0})
-    units = ", ".join(allowed_units(target))
+    units = ", ".join(CONVERSIONS.get(target, {}))
     example = f"a calibration: 250 {target}/V, or {{factor: 250, offset: 0}}"
 
     def check(value: Any) -> str | dict[str, float]:

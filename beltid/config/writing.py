@@ -30,15 +30,7 @@ SECTIONS: Final = (
 
 
 def config_text(config: Config, *, complete: bool = True) -> str:
-    """Write a config as YAML text that `load_config` reads back to an equal config.
-
-    Parameters
-    ----------
-    config : Config
-        The config.
-    complete : bool
-        Whether to write the defaults too, not only what is stated.
-    """
+    """Write a config, or only what it states, as YAML that `load_config` reads as equal."""
     values = effective_values(config)
     shown = {path: "" for path, _, is_stated in values if complete or is_stated}
     return _text(config, shown) if shown else "{}  # nothing is stated\n"

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
 from beltid.identify.estimators import snap_to_settings
 from beltid.report.cells import between, cell
 from beltid.report.results import Sheet, sheet_of
@@ -34,6 +35,7 @@ class View:
     by: str = ""
     shown: str = ""
     always: tuple[str, ...] = ()
+    fails_with: int = EXIT_OUT_OF_TOLERANCE  # exit status if what was judged did not pass
 
 
 COMPARED: Final = (
@@ -63,6 +65,7 @@ VIEWS: Final = {
         "friction coefficient of every simulated run, sliding",
         "arc_deg pulley_speed_rad_s",
         "normal_force_N_m mu run initial_tension_N status",
+        fails_with=EXIT_NUMERICS,
     ),
     "compare": View(
         "simulated less measured friction coefficient, relative to measured",
@@ -119,7 +122,7 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
 
 
-def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
+def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
     columns, rows = _columns_and_rows(artifact)
@@ -143,7 +146,7 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
         notes=tuple(record.notes),
         warnings=tuple(record.warnings),
         verdict=record.verdict,
-        exit_status=fails_with if record.passed is False else 0,
+        exit_status=view.fails_with if record.passed is False else 0,
         up_to_date=up_to_date,
         origin=record.origin,
     )

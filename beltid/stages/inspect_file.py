@@ -23,7 +23,7 @@ from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.inputs import nominal_settings
 from beltid.store.artifact import plain
-from beltid.store.disk import check_place, write_text
+from beltid.store.disk import check_place, write_bytes
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit
 
@@ -221,7 +221,8 @@ def new_config(
     if problems:
         raise InputError(problems)
     config = _config(values)
-    write_text(path, "\n".join([template_text(config, sources), *section_lines(sections), ""]))
+    text = "\n".join([template_text(config, sources), *section_lines(sections), ""])
+    write_bytes(path, text.encode())
     rows = [
         {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
         for place, value, _ in effective_values(config)

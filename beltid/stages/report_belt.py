@@ -35,7 +35,7 @@ from beltid.stages.page_mark import (
 )
 from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, misfits, read_artifact, refuse_misfits
-from beltid.store.disk import write_text
+from beltid.store.disk import write_bytes
 
 
 def run(
@@ -77,7 +77,7 @@ def write_page(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Su
             results = [replace(result, profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
         text = sealed(rendered(page))
-        write_text(out, text)
+        write_bytes(out, text.encode())
         facts = {
             "figures": sum(len(section.pictures) for section in page.sections),
             "figures_missing": sum(len(section.absent) for section in page.sections),

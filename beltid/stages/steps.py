@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid import stages
-from beltid.errors import EXIT_NUMERICS
 from beltid.stage import Outcome, stage
 
 ConfigLike = Any
@@ -253,7 +252,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     uses=(*OF_RIG, "friction"),
     guests=("friction",),
     finds=_friction_beside,
-    fails_with=EXIT_NUMERICS,
 )
 def simulate_recording(
     surface: Any,

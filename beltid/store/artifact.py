@@ -244,11 +244,6 @@ def _command(kind: str) -> str:
     return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"
 
 
-def ancestors_of(artifact: Artifact) -> dict[str, str]:
-    """Return the SHA-256 of an artifact and of all that it was made from, by name."""
-    return artifact.record.ancestors | {artifact.name: artifact.sha256}
-
-
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
     """Refuse artifacts that do not fit together; a guest counts if it is of the same recordings."""
     hosts = list(artifacts)

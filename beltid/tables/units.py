@@ -167,8 +167,3 @@ def calibration(text: str, target: str) -> Calibration | None:
     if not 0.0 < abs(float(match[1]) * to_target.factor) < float("inf"):
         return None
     return Calibration(float(match[1]) * to_target.factor, 0.0, match[3])
-
-
-def allowed_units(target: str) -> tuple[str, ...]:
-    """Return the units that can be converted to the unit of a table."""
-    return tuple(CONVERSIONS.get(target, {}))

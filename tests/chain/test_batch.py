@@ -95,23 +95,6 @@ def drives(folder: Path, names: list[str]) -> list[str]:
     return [f"{name}.yaml" for name in names]
 
 
-def test_one_broken_belt_of_many_is_named_and_stops_no_other(tmp_path: Path) -> None:
-    configs = drives(tmp_path, [f"b{k}" for k in range(9)])
-    text = (tmp_path / "slip.csv").read_text().replace("S1,1,300,2.0,62.8", "S1,1,300,2.0,x")
-    (tmp_path / "broken.csv").write_text(text)
-    (tmp_path / "b7.yaml").write_text("belt: {name: b7}\ndata: {speedloss: broken.csv}\n")
-    done = beltid(tmp_path, "run", *configs, "--json", "--no-report", "-j", "1")
-    assert done.exit_code == 5
-    said = json.loads(done.stdout)
-    assert said["facts"] == {"belts": 9, "belts_failed": 1}
-    assert [row["belt"] for row in said["table"]] == [f"b{k}" for k in range(9)]
-    states = [row["stages"]["fit-slip"] for row in said["table"]]
-    assert [k for k, state in enumerate(states) if state != "done"] == [7]
-    assert "error: b7: fit-slip: broken.csv:" in done.stderr
-    assert len(list((tmp_path / "runs").glob("*/slip.parquet"))) == 8
-    assert beltid(tmp_path, "run", "b7.yaml", "--no-report").exit_code == 2
-
-
 def test_all_that_is_wrong_with_the_configs_is_told_before_anything_runs(tmp_path: Path) -> None:
     configs = drives(tmp_path, ["a", "A", "c"])
     (tmp_path / "c.yaml").write_text("belt: {name: c}\ndata: {press: slip.csv, rig: no.csv}\n")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from beltid.errors import ArtifactError, InputError
-from beltid.store.disk import OURS, STALE_AFTER_S, check_place, write_bytes, write_text
+from beltid.store.disk import OURS, STALE_AFTER_S, check_place, write_bytes
 
 
 def names(folder: Path) -> list[str]:
@@ -25,7 +25,7 @@ def test_folders_are_made_files_replaced_and_links_followed(tmp_path: Path) -> N
     path, link = tmp_path / "runs" / "5pk" / "x.bin", tmp_path / "link"
     write_bytes(path, b"one")
     link.symlink_to(path)
-    write_text(str(link), "µ\n")
+    write_bytes(str(link), "µ\n".encode())
     assert path.read_bytes() == "µ\n".encode()
     assert link.is_symlink()
     assert names(path.parent) == ["x.bin"]
