@@ -115,8 +115,8 @@ def simulated(
         raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(good, bench, config, press, stored, workers)
-    outside = sum(result.record.clamped_lookups for result in good.values())
-    lookups = sum(result.record.lookups for result in good.values())
+    outside = sum(result.clamped_lookups for result in good.values())
+    lookups = sum(np.count_nonzero(result.sliding.touching) for result in good.values())
     beyond = (
         f"{percent(100 * outside / max(lookups, 1))} of the sliding contact points lie outside the "
         "measured range of the surface: the nearest measured value was used"

@@ -110,10 +110,9 @@ def test_friction_is_looked_up_at_the_force_and_the_speed_of_the_point() -> None
 
 def test_look_ups_outside_the_measured_range_are_counted() -> None:
     surface = FrictionSurface([4000.0, 8000.0], [0.01, 0.02], [[0.5, 0.5], [0.5, 0.5]])
-    record = simulate(bench(law=LAW_5PK, mu=surface), at(), STEADY).record
-    assert 0 < record.clamped_lookups < record.lookups
-    other = simulate(bench(law=LAW_5PK, mu=surface), at(omega=1.0), STEADY).record
-    assert other.clamped_lookups == other.lookups
+    run, faster = (simulate(bench(law=LAW_5PK, mu=surface), at(omega=w), STEADY) for w in (0.21, 1))
+    assert 0 < run.clamped_lookups < np.count_nonzero(run.sliding.touching)
+    assert faster.clamped_lookups == np.count_nonzero(faster.sliding.touching)
 
 
 def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
@@ -145,9 +144,6 @@ def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_
         assert run.mu == pytest.approx(float(friction_coefficient(T_A, T_B, points[i].beta)))
 
 
-@pytest.mark.parametrize(
-    ("settings", "problem"), [({"elements": 7}, "elements"), ({"steps": 10}, "steps")]
-)
-def test_wrong_settings_are_refused(settings: dict[str, Any], problem: str) -> None:
-    with pytest.raises(InputError, match=problem):
-        SimulationSettings(**settings)
+def test_an_odd_number_of_elements_is_refused() -> None:
+    with pytest.raises(InputError, match="elements = 7, must be even"):
+        SimulationSettings(elements=7)
