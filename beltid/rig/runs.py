@@ -1,8 +1,8 @@
-"""Simulate one run of the rig, or a campaign of runs."""
+"""Simulate one run of the rig, or the runs of one belt that is laid on and tightened once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -118,41 +118,31 @@ def simulate(
     bench: Bench, point: OperatingPoint, settings: SimulationSettings | None = None
 ) -> RunResult:
     """Simulate one run; a ConvergenceError says that an equilibrium or a step was not found."""
-    ((_, result),) = campaign(bench, [point], settings)
+    (result,) = runs_of_one_belt(bench, [point], settings or SimulationSettings())
     if isinstance(result, BeltidError):
         raise result
     return result
 
 
-def campaign(
-    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings | None = None
-) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Yield the index of each run and its result, or the error of a run that failed.
+def runs_of_one_belt(
+    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
+) -> list[RunResult | BeltidError]:
+    """Simulate runs that differ in speed only; a run that fails is its error.
 
-    Runs that differ only in speed share one laid-on and tightened belt; no result depends on the
-    other runs.
+    They share the laid-on and tightened belt; no result depends on the other runs.
     """
-    settings = settings or SimulationSettings()
-    for indices in runs_of_one_belt(points):
+    try:
+        model = bench.model(points[0], settings.elements)
+        laid = lay_on(model)
+    except BeltidError as error:
+        return [error] * len(points)
+    results = list[RunResult | BeltidError]()
+    for point in points:
         try:
-            model = bench.model(points[indices[0]], settings.elements)
-            laid = lay_on(model)
+            results.append(_simulated(bench, replace(model, point=point), laid, settings))
         except BeltidError as error:
-            yield from ((index, error) for index in indices)
-            continue
-        for index in indices:
-            try:
-                yield index, _simulated(bench, replace(model, point=points[index]), laid, settings)
-            except BeltidError as error:
-                yield index, error
-
-
-def runs_of_one_belt(points: Sequence[OperatingPoint]) -> list[list[int]]:
-    """Group the indices of runs that differ in speed only, and share the tightened belt."""
-    groups: dict[tuple[float, float], list[int]] = {}
-    for index, point in enumerate(points):
-        groups.setdefault((point.beta, point.T_0), []).append(index)
-    return list(groups.values())
+            results.append(error)
+    return results
 
 
 def _simulated(

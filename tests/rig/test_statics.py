@@ -16,7 +16,7 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rig.mesh import touchdown
-from beltid.rig.runs import SimulationSettings, campaign, simulate
+from beltid.rig.runs import RunResult, SimulationSettings, runs_of_one_belt, simulate
 
 STEADY = SimulationSettings(method="steady")
 STIFF = NormalLaw(1e9)
@@ -132,16 +132,17 @@ def test_what_is_meaningless_is_refused() -> None:
         bench().model(at(T_0=3e4))
 
 
-def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_fails() -> None:
-    points = [at(40, 270), HOPELESS, at(82, 270), at(82, 270, 0.5), at(82, 150)]
+def test_no_run_of_a_belt_depends_on_the_others() -> None:
+    points = [at(82, 270), at(82, 270, 0.5)]
     rig = bench(law=LAW_5PK, mu=surface_5pk())
-    runs = dict(campaign(rig, points, STEADY))
-    assert isinstance(runs.pop(1), ConvergenceError)
-    for i, run in runs.items():
-        alone = simulate(rig, points[i], STEADY)
+    for point, run in zip(points, runs_of_one_belt(rig, points, STEADY), strict=True):
+        assert isinstance(run, RunResult)
+        alone = simulate(rig, point, STEADY)
         T_A, T_B = alone.tension_tight_N, alone.tension_slack_N
         assert (run.tension_tight_N, run.tension_slack_N) == (T_A, T_B)
-        assert run.mu == pytest.approx(float(friction_coefficient(T_A, T_B, points[i].beta)))
+        assert run.mu == pytest.approx(float(friction_coefficient(T_A, T_B, point.beta)))
+    failed = runs_of_one_belt(rig, [HOPELESS] * 2, STEADY)
+    assert [type(error) for error in failed] == [ConvergenceError] * 2
 
 
 def test_an_odd_number_of_elements_is_refused() -> None:
