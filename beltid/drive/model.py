@@ -119,8 +119,6 @@ class DrivePoint:
             problems.append(f"driver speed {self.omega:g} rad/s, must be finite and not 0")
         if self.T_0 <= 0.0:
             problems.append(f"initial tension {self.T_0:g} N, must be > 0")
-        if not np.all(np.isfinite((*self.torque, *self.power))):
-            problems.append("torques and powers must be finite")
         if problems:
             raise InputError(problems)
 

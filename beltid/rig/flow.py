@@ -86,7 +86,6 @@ class FlowState:
     T_in: float  # effective forces of the spans, N - m v0**2 (1 + eps) [N]
     T_out: float
     length: float  # stress-free, between the ends of the model [m]
-    friction_power: float  # that friction takes [W]
     points: (
         Points  # in the order of the flow; ``slip`` [m/s] > 0 where the pulley is the faster one
     )
@@ -210,8 +209,6 @@ class _Search:
             T_in=math.hypot(force[0], force[1]),
             T_out=math.hypot(force[2], force[3]),
             length=float(s.u[0]) * self.pulley.model.path.length,
-            friction_power=float(np.sum(points["F_T"] * points["slip"] * points["rho"]))
-            / self.pulley.R,
             points=points,
             q=q,
             u=s.u,

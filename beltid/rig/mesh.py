@@ -23,8 +23,9 @@ from beltid.params import Belt, OperatingPoint, Rig
 Array = NDArray[np.float64]
 
 HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
-GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
-MASS_POINTS, MASS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+_x, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
+_y, MASS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+GAUSS_POINTS, MASS_POINTS = tuple(0.5 + 0.5 * _x), tuple(0.5 + 0.5 * _y)  # on (0, 1)
 
 WIDEST = 0.15  # largest target angle of an element where the contact begins [rad]
 INSIDE = 0.3  # distance of the finest elements inside the first contact, over the layer
@@ -81,25 +82,18 @@ class Mesh(NamedTuple):
 
 def mesh_on(nodes: Array, n_c: int) -> Mesh:
     """Tabulate the shape functions of elements between ``nodes`` (n_e + 1,) [m]."""
-    h, (x_g, x_m, x_c) = np.diff(nodes), places(n_c)
-    N_m = shapes(x_m, h, 0)
+    h, middles = np.diff(nodes), tuple((np.arange(n_c) + 0.5) / n_c)
+    N_m = shapes(MASS_POINTS, h, 0)
     return Mesh(
         h=h,
-        D=shapes(x_g, h, 1),
-        DD=shapes(x_g, h, 2),
+        D=shapes(GAUSS_POINTS, h, 1),
+        DD=shapes(GAUSS_POINTS, h, 2),
         w_g=0.5 * h[:, None] * GAUSS_WEIGHTS,
-        N=shapes(x_c, h, 0),
-        N_s=shapes(x_c, h, 1),
+        N=shapes(middles, h, 0),
+        N_s=shapes(middles, h, 1),
         w_c=np.repeat(h[:, None], n_c, axis=1) / n_c,
         M=np.swapaxes(N_m, 1, 2) @ (0.5 * h[:, None, None] * MASS_WEIGHTS[:, None] * N_m),
     )
-
-
-@functools.cache
-def places(n_c: int) -> tuple[tuple[float, ...], ...]:
-    """Return the local coordinates of Gauss points, mass points and n_c contact points."""
-    middles = (np.arange(n_c) + 0.5) / n_c
-    return tuple(tuple(x) for x in (0.5 + 0.5 * GAUSS, 0.5 + 0.5 * MASS_POINTS, middles))
 
 
 @functools.cache

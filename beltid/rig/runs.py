@@ -1,10 +1,10 @@
-"""Simulate one run of the rig, or a campaign of runs."""
+"""Simulate one run of the rig, or the runs of one belt that is laid on and tightened once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from beltid.rig.transient import run_transient
 Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
 
-DEFAULT_STEPS = 130
-FEWEST_STEPS = 52
-
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
@@ -30,7 +27,6 @@ class SimulationSettings:
 
     method: Method = "transient"  # in time from the belt at rest, or only the limit of sliding
     elements: int | None = None  # even; by default what the contact asks for
-    steps: int = DEFAULT_STEPS  # of a transient run and of its recording
     friction_solver: Literal["newton", "lemke"] = "newton"  # return mapping, or the paper's LCP
 
     def __post_init__(self) -> None:
@@ -39,19 +35,8 @@ class SimulationSettings:
             problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
             problems.append(f"elements = {self.elements}, must be even and >= 4")
-        if self.steps < FEWEST_STEPS:
-            problems.append(f"steps = {self.steps}, must be >= {FEWEST_STEPS}")
         if problems:
             raise InputError(problems)
-
-
-class SolverRecord(NamedTuple):
-    """Statistics of the solver for one run."""
-
-    elements: int
-    halvings: int  # of steps
-    clamped_lookups: int  # contact points that slide outside the measured range of the surface
-    lookups: int  # contact points that slide
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +50,8 @@ class RunResult:
     model: RigModel
     sliding: StaticState
     recording: Mapping[str, Array] | None
-    record: SolverRecord
+    halvings: int  # of steps
+    clamped_lookups: int  # contact points that slide outside the measured range of the surface
 
     @property
     def tension_tight_N(self) -> float:
@@ -132,41 +118,31 @@ def simulate(
     bench: Bench, point: OperatingPoint, settings: SimulationSettings | None = None
 ) -> RunResult:
     """Simulate one run; a ConvergenceError says that an equilibrium or a step was not found."""
-    ((_, result),) = campaign(bench, [point], settings)
+    (result,) = runs_of_one_belt(bench, [point], settings or SimulationSettings())
     if isinstance(result, BeltidError):
         raise result
     return result
 
 
-def campaign(
-    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings | None = None
-) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Yield the index of each run and its result, or the error of a run that failed.
+def runs_of_one_belt(
+    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
+) -> list[RunResult | BeltidError]:
+    """Simulate runs that differ in speed only; a run that fails is its error.
 
-    Runs that differ only in speed share one laid-on and tightened belt; no result depends on the
-    other runs.
+    They share the laid-on and tightened belt; no result depends on the other runs.
     """
-    settings = settings or SimulationSettings()
-    for indices in runs_of_one_belt(points):
+    try:
+        model = bench.model(points[0], settings.elements)
+        laid = lay_on(model)
+    except BeltidError as error:
+        return [error] * len(points)
+    results = list[RunResult | BeltidError]()
+    for point in points:
         try:
-            model = bench.model(points[indices[0]], settings.elements)
-            laid = lay_on(model)
+            results.append(_simulated(bench, replace(model, point=point), laid, settings))
         except BeltidError as error:
-            yield from ((index, error) for index in indices)
-            continue
-        for index in indices:
-            try:
-                yield index, _simulated(bench, replace(model, point=points[index]), laid, settings)
-            except BeltidError as error:
-                yield index, error
-
-
-def runs_of_one_belt(points: Sequence[OperatingPoint]) -> list[list[int]]:
-    """Group the indices of runs that differ in speed only, and share the tightened belt."""
-    groups: dict[tuple[float, float], list[int]] = {}
-    for index, point in enumerate(points):
-        groups.setdefault((point.beta, point.T_0), []).append(index)
-    return list(groups.values())
+            results.append(error)
+    return results
 
 
 def _simulated(
@@ -179,7 +155,7 @@ def _simulated(
         if settings.friction_solver == "lemke":
             from beltid.rig.lcp import step_by_lemke as solver
         falls = bench.surface.falls_with_speed
-        steps, last = run_transient(model, laid, last, settings.steps, falls, solver)
+        steps, last = run_transient(model, laid, last, falls, solver)
         tight, slack = np.hypot(steps["force"][:, ::2], steps["force"][:, 1::2]).T
         recording = {
             "time_s": np.append(0.0, np.cumsum(steps["dt"])),
@@ -189,10 +165,5 @@ def _simulated(
         }
     touching = last.points[last.touching]
     inside = bench.surface.covers(touching["f_N"], touching["speed"])
-    record = SolverRecord(
-        elements=last.points.shape[0],
-        halvings=int(steps["halvings"].sum()),
-        clamped_lookups=int(np.count_nonzero(~inside)),
-        lookups=touching.size,
-    )
-    return RunResult(model, last, recording, record)
+    outside = int(np.count_nonzero(~inside))
+    return RunResult(model, last, recording, int(steps["halvings"].sum()), outside)

@@ -21,6 +21,7 @@ from beltid.rig.newton import STEP, Solver, equilibrium, march
 from beltid.rig.state import State
 from beltid.rig.steady import StaticState, describe
 
+REST, BUILD_UP, STEPS = 10, 65, 130  # steps before the pulley turns, of the build-up, of the run
 BUILD_UP_MARGIN = 1.25
 PLATEAU_FACTOR = 15.0  # step of the plateau over that of the build-up: some 17 build-ups in all
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
@@ -44,9 +45,7 @@ def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) ->
     return model.path.R * float(np.max(turned))
 
 
-def make_schedule(
-    model: RigModel, laid: StaticState, sliding: StaticState, steps: int
-) -> NDArray[np.void]:
+def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState) -> NDArray[np.void]:
     """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
 
     The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
@@ -54,17 +53,16 @@ def make_schedule(
     resolve, so vibrations from the start decay within the run. The plateau lasts several time
     constants of the contact, which are its damping over its stiffness.
     """
-    rest, build_up = max(steps // 13, 3), steps // 2
     travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
-    dt = travel / build_up / (model.path.R * model.point.omega)
+    dt = travel / BUILD_UP / (model.path.R * model.point.omega)
     period = 2.0 * model.path.span * math.sqrt(model.system.section.rhoA / sliding.T_B)
     pulley, delta = model.system.pulley, model.path.R - sliding.points["rho"][sliding.touching]
     stiffness = float(np.mean(pulley.k_linear + 2.0 * pulley.k_quadratic * delta))
     settling = SETTLING * pulley.C_P / stiffness
-    record = np.zeros(steps, dtype=STEP)
-    record["dt"], record["omega"][rest:] = dt, model.point.omega
-    record["dt"][rest + build_up :] = max(
-        PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / (steps - rest - build_up)
+    record = np.zeros(STEPS, dtype=STEP)
+    record["dt"], record["omega"][REST:] = dt, model.point.omega
+    record["dt"][REST + BUILD_UP :] = max(
+        PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / (STEPS - REST - BUILD_UP)
     )
     return record
 
@@ -73,7 +71,6 @@ def run_transient(
     model: RigModel,
     laid: StaticState,
     sliding: StaticState,
-    steps: int,
     falls: bool = False,
     solver: Solver = equilibrium,
 ) -> tuple[NDArray[np.void], StaticState]:
@@ -83,13 +80,13 @@ def run_transient(
     the speed anywhere. A ConvergenceError says that a step failed after all halvings, or that the
     plateau does not settle.
     """
-    record, system = make_schedule(model, laid, sliding, steps), model.system
+    record, system = make_schedule(model, laid, sliding), model.system
     if falls:
         memory = MEMORY * build_up_travel(model, laid, sliding)
         system = system._replace(pulley=system.pulley._replace(memory=memory))
     s = at_rest(model, laid)
     done = march(system, model.border, s, record, solver)
-    if done < steps:
+    if done < STEPS:
         step = record[done]
         raise ConvergenceError(
             f"{describe(model.point)}: the step at {record['dt'][:done].sum():.4g} s found no "

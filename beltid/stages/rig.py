@@ -27,7 +27,6 @@ from beltid.params import OperatingPoint
 from beltid.rig.mesh import swinging_share
 from beltid.rig.model import Bench
 from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
-from beltid.rig.runs import campaign as rig_campaign
 from beltid.stage import Outcome, as_measured
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
@@ -115,8 +114,8 @@ def simulated(
         raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(good, bench, config, press, stored, workers)
-    outside = sum(result.record.clamped_lookups for result in good.values())
-    lookups = sum(result.record.lookups for result in good.values())
+    outside = sum(result.clamped_lookups for result in good.values())
+    lookups = sum(np.count_nonzero(result.sliding.touching) for result in good.values())
     share = percent(100 * outside / max(lookups, 1))
     beyond = f"nearest value used: {share} of the sliding contacts are outside the measured surface"
     columns = recording_columns(good.items(), config)
@@ -285,23 +284,18 @@ def simulate(
     bench: Bench, runs: Sequence[PlannedRun], settings: SimulationSettings, workers: Workers
 ) -> Results:
     """Simulate runs by workers, and report the progress; the results do not depend on them."""
-    results: dict[int, RunResult | BeltidError] = {}
-    points = [run.point for run in runs]
-    groups = runs_of_one_belt(points)
+    results: dict[PlannedRun, RunResult | BeltidError] = {}
+    by_setting: dict[tuple[float, float], list[PlannedRun]] = {}
+    for run in runs:
+        by_setting.setdefault((run.point.beta, run.point.T_0), []).append(run)
+    belts = list(by_setting.values())
     with progress("simulated runs", len(runs)) as advance:
-        calls = [(bench, [points[i] for i in group], settings) for group in groups]
-        for number, part in workers.as_ended(simulated_group, calls):
-            for index, result in zip(groups[number], part, strict=True):
-                results[index] = result
+        calls = [(bench, [run.point for run in belt], settings) for belt in belts]
+        for number, part in workers.as_ended(runs_of_one_belt, calls):
+            for run, result in zip(belts[number], part, strict=True):
+                results[run] = result
                 advance()
-    return {run: results[i] for i, run in enumerate(runs)}
-
-
-def simulated_group(
-    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
-) -> list[RunResult | BeltidError]:
-    """Return the results of a few runs in their order; a single call of a worker."""
-    return [result for _, result in rig_campaign(bench, points, settings)]
+    return {run: results[run] for run in runs}
 
 
 def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:

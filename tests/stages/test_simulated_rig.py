@@ -14,13 +14,14 @@ import pytest
 
 import beltid
 from beltid.config import Config, load_config
-from beltid.errors import InputError
+from beltid.errors import ConvergenceError, InputError
 from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import run_records
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
 from beltid.stages.rig import (
+    PlannedRun,
     bench_of,
     finished,
     planned_runs,
@@ -168,6 +169,19 @@ def test_the_level_of_every_run_is_that_on_which_it_settles(belt: Any) -> None:
     off = np.array([run.mu_sliding for run in runs]) / settled - 1.0
     assert np.sqrt(np.mean(off**2)) < 6e-5
     assert np.abs(off).max() < 3e-4
+
+
+def test_runs_are_in_their_places_and_go_on_without_one_that_fails() -> None:
+    at = [(40.0, 200.0, 0.2), (82.0, 1e-3, 0.2), (82.0, 200.0, 0.2), (40.0, 200.0, 0.5)]
+    runs = [PlannedRun(str(i), *settings) for i, settings in enumerate(at)]
+    config = config_of("torque")
+    bench, steady = bench_of(config, TRUTH, LAW), simulation_settings(config, "steady")
+    results = dict(simulate(bench, runs, steady, Workers()))
+    assert list(results) == runs
+    assert isinstance(results.pop(runs[1]), ConvergenceError)
+    for run, result in finished(results).items():
+        alone = finished(simulate(bench, [run], steady, Workers()))[run]
+        assert result.mu == alone.mu
 
 
 def test_the_sliding_limit_survives_the_reduction_exactly() -> None:
