@@ -219,9 +219,8 @@ FIRST_RUN = (
 def compiling() -> dict[str, float]:
     """All kernels of the rig, with an empty cache, beyond a call with a full one."""
     with tempfile.TemporaryDirectory() as empty:
-        caches = {"NUMBA_CACHE_DIR": empty}
-        cold = spent(sys.executable, "-c", FIRST_RUN, extra=caches)
-        warm = spent(sys.executable, "-c", FIRST_RUN, extra=caches)
+        call = (sys.executable, "-c", FIRST_RUN)
+        cold, warm = (spent(*call, extra={"NUMBA_CACHE_DIR": empty}) for _ in range(2))
     return {"seconds": cold - warm}
 
 
