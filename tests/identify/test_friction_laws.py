@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.errors import InputError
+from beltid.errors import InputError, NumericsError
 from beltid.identify.surface.laws import FrictionLawFit, FrictionLaws, fit_friction_laws
 from beltid.laws.friction_formulas import FRICTION_LAWS
 
@@ -125,3 +125,9 @@ def test_points_that_are_no_friction_are_refused() -> None:
     for points in (([1e3], [0.1], [1.0]), ([1e3, 2e3], [0.1, -0.1], [1.0, 0.9])):
         with pytest.raises(InputError):
             fit_friction_laws(*points)
+
+
+def test_a_constant_known_to_be_shared_has_no_scatter_to_fit() -> None:
+    f, v = np.geomspace(1000, 6000, 40), np.geomspace(0.002, 0.04, 40)
+    with pytest.raises(NumericsError, match="coulomb"):
+        fit_friction_laws(f, v, np.full(40, 0.8), np.full((40, 1), 0.05))

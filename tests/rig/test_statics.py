@@ -116,10 +116,9 @@ def test_look_ups_outside_the_measured_range_are_counted() -> None:
 
 
 def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
-    with pytest.raises(ConvergenceError, match=r"arc 82 deg, T0 0\.001 N, omega") as found:
+    said = r"arc 82 deg, T0 0\.001 N, omega.* in [1-9]\d* Newton iterations \(residual [1-9]"
+    with pytest.raises(ConvergenceError, match=said):
         simulate(bench(law=LAW_5PK), HOPELESS)
-    assert found.value.iterations > 0
-    assert found.value.residual > 1e-9
 
 
 def test_what_is_meaningless_is_refused() -> None:

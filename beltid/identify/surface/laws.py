@@ -147,6 +147,8 @@ def fit_friction_laws(
     ------
     InputError
         If there are fewer than two points, or a value is not > 0.
+    NumericsError
+        If no law could be fitted.
     """
     f, v, mu = (np.asarray(x, dtype=float).ravel() for x in (normal_force_N_m, slip_speed_m_s, mu))
     if f.size < 2 or not all(np.all((x > 0.0) & (x < np.inf)) for x in (f, v, mu)):
@@ -156,8 +158,10 @@ def fit_friction_laws(
         if _determined(law, f, v):
             try:
                 fits.append(_fitted(law, f, v, mu, factor))
-            except NumericsError as error:
+            except (NumericsError, np.linalg.LinAlgError) as error:
                 notes.append(f"{law.name}: {error}")
+    if not fits:
+        raise NumericsError(notes)
     best = min(fit.criterion for fit in fits)
     ranked = (replace(fit, criterion=fit.criterion - best) for fit in fits)
     return FrictionLaws(tuple(ranked), tuple(notes))
