@@ -41,8 +41,6 @@ QUANTITIES: Final = {
 }
 """What a column in a chart is, by the beginning of its name: words with symbol, unit, scale."""
 RANGES: Final = ("range", "valid", "measured")
-# residuals of equations, of which only the order of magnitude matters
-MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
 
 
@@ -155,7 +153,7 @@ def scientific(value: float, digits: int = 4) -> str:
 
 def _number(name: str, value: float) -> str:
     # uncertainties are themselves uncertain: two digits
-    if "_se_" in f"{name}_" or "_u_" in f"{name}_" or name in MAGNITUDES:
+    if "_se_" in f"{name}_" or "_u_" in f"{name}_":
         return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
         return f"{value:.4f}"

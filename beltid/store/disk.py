@@ -113,8 +113,7 @@ def check_place(
     """Refuse a place where a file cannot be written, or would replace one that must stay.
 
     `whose` says what an existing file is: `OURS` may be replaced, all else, by default any file,
-    only with force;
-    `inputs`, by what they are, never.
+    only with force; `inputs`, by what they are, never.
     """
     for what, path in (inputs or {}).items():
         if _same_file(path, out):
