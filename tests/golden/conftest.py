@@ -19,7 +19,7 @@ def belt_5pk(made_once: MakeOnce) -> Path:
     """Folder of `beltid run` for the 5PK belt of rigdata (synthetic), with its report."""
 
     def fill(folder: Path) -> None:
-        done(ROOT, "run", "configs/5pk.yaml", "--out", folder / "runs", "--jobs", 2)
+        done(ROOT, "run configs/5pk.yaml --out", folder / "runs", "--jobs 2")
 
     return made_once("golden_5pk", fill) / "runs" / "5pk"
 
@@ -38,12 +38,12 @@ def small(made_once: MakeOnce) -> Path:
             "data": {"press": "press.csv", "rig": "rig.csv", "origin": "synthetic"},
         }
         configured(folder, config)
-        done(folder, "fit-stiffness", "press.csv")
-        done(folder, "fit-slip", "speedloss.csv")
-        done(folder, "fit-friction", "rig.csv")
-        done(folder, "build-surface", "friction.parquet")
-        done(folder, "refine-surface", "friction.parquet", "stiffness.parquet")
-        done(folder, "simulate-rig", "surface.parquet", "stiffness.parquet", "--jobs", 1)
+        done(folder, "fit-stiffness press.csv")
+        done(folder, "fit-slip speedloss.csv")
+        done(folder, "fit-friction rig.csv")
+        done(folder, "build-surface friction.parquet")
+        done(folder, "refine-surface friction.parquet stiffness.parquet")
+        done(folder, "simulate-rig surface.parquet stiffness.parquet --jobs 1")
 
     return made_once("golden_small", fill)
 

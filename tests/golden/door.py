@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Mapping
@@ -51,10 +52,12 @@ class Said:
 
 
 def beltid(folder: Path, *arguments: object, **environment: str) -> Said:
-    """Call the command in a folder, without a config of the user's."""
+    """Call the command in a folder, without a config of the user's; a text is split into words."""
     (door,) = entry_points(group="console_scripts", name="beltid")
     main = door.load()
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    texts = (shlex.split(a) if isinstance(a, str) else [str(a)] for a in arguments)
+    words = [word for text in texts for word in text]
     variables = {k: v for k, v in os.environ.items() if k != "BELTID_CONFIG"}
     variables |= {"COLUMNS": "120", **environment}
     handlers = {number: signal.getsignal(number) for number in SIGNALS}
@@ -63,7 +66,7 @@ def beltid(folder: Path, *arguments: object, **environment: str) -> Said:
         contextlib.chdir(folder),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
-        mock.patch.object(sys, "argv", ["beltid", *map(str, arguments)]),
+        mock.patch.object(sys, "argv", ["beltid", *words]),
         mock.patch.dict(os.environ, variables, clear=True),
     ):
         try:
@@ -73,8 +76,8 @@ def beltid(folder: Path, *arguments: object, **environment: str) -> Said:
         finally:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
-    texts = [stream.buffer.getvalue().decode() for stream in (out, err)]
-    return Said(int(str(status)), *texts)
+    streams = (stream.buffer.getvalue().decode() for stream in (out, err))
+    return Said(int(str(status)), *streams)
 
 
 def done(folder: Path, *arguments: object, **environment: str) -> Said:

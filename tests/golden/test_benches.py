@@ -16,23 +16,11 @@ import pytest
 from golden import benches, kept
 from golden.door import ROOT, Said, beltid, configured, done, refused
 
-FRICTION = [
-    "run",
-    "arc_deg",
-    "initial_tension_N",
-    "nominal_tension_N",
-    "pulley_speed_rad_s",
-    "slip_speed_m_s",
-    "tension_tight_N",
-    "tension_slack_N",
-    "mu_sliding",
-    "mu_sliding_se",
-    "mu_sliding_u",
-    "mu_sticking",
-    "normal_force_N_m",
-    "n_samples",
-    "status",
-]
+FRICTION = (
+    "run arc_deg initial_tension_N nominal_tension_N pulley_speed_rad_s slip_speed_m_s "
+    "tension_tight_N tension_slack_N mu_sliding mu_sliding_se mu_sliding_u mu_sticking "
+    "normal_force_N_m n_samples status"
+)
 GEOMETRY = ["run", "pulley_speed_rad_s", "arc_deg", "initial_tension_N"]
 CELL = {"tight": "tension_tight_N", "slack": "tension_slack_N"}
 Rows = Sequence[int] | slice
@@ -42,15 +30,15 @@ def friction(folder: Path, frame: pd.DataFrame, config: Mapping[str, Any] | None
     """Reduce a recording of the rig with a config beside it."""
     frame.to_csv(folder / "rig.csv", index=False)
     configured(folder, config or {})
-    return beltid(folder, "fit-friction", "rig.csv", "--json")
+    return beltid(folder, "fit-friction rig.csv --json")
 
 
-def columns(path: Path, names: Sequence[str], rows: Rows = slice(None)) -> dict[str, list[Any]]:
+def columns(path: Path, names: str, rows: Rows = slice(None)) -> dict[str, list[Any]]:
     """Columns of an artifact as lists; an empty cell is None."""
     frame = pd.read_parquet(path).iloc[rows]
     return {
         name: [None if pd.isna(x) else x for x in frame[name].tolist()]
-        for name in names
+        for name in names.split()
         if name in frame
     }
 
@@ -83,14 +71,8 @@ def keep(name: str, said: Said, folder: Path, mu: Sequence[float], rows: Rows) -
 
 @pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
 def test_three_belts(belt: str, tmp_path: Path) -> None:
-    said = done(
-        ROOT,
-        "fit-friction",
-        f"rigdata/{belt}/rig.csv",
-        "-o",
-        tmp_path / "friction.parquet",
-        "--json",
-    )
+    out = tmp_path / "friction.parquet"
+    said = done(ROOT, f"fit-friction rigdata/{belt}/rig.csv -o {out} --json")
     truth = pd.read_csv(ROOT / f"tests/truth/{belt}/truth.csv")
     assert said.json["origin"] == "synthetic"
     keep(belt, said, tmp_path, truth["mu_app"].tolist(), slice(None, None, 7))
@@ -108,31 +90,17 @@ BENCHES = {
         {"rig": {"holds": "weight_slack"}},
         ["weight_N", CELL["tight"]],
     ),
-    "torque_and_slack_cell": (
-        {},
-        {},
-        ["torque_N_m", CELL["slack"]],
-    ),
-    "torque_and_tight_cell": (
-        {},
-        {},
-        ["torque_N_m", CELL["tight"]],
-    ),
+    "torque_and_slack_cell": ({}, {}, ["torque_N_m", CELL["slack"]]),
+    "torque_and_tight_cell": ({}, {}, ["torque_N_m", CELL["tight"]]),
     # the bending of the spans is corrected with EI: this belt has none
     "hub_force_free": (
         {"holds": "hub_force", "arcs_deg": (110.0, 170.0)},
-        {
-            "belt": {"bending_stiffness_N_m2": 1e-6},
-            "rig": {"holds": "hub_force"},
-        },
+        {"belt": {"bending_stiffness_N_m2": 1e-6}, "rig": {"holds": "hub_force"}},
         ["torque_N_m", "hub_force_N"],
     ),
     "hub_force_held": (
         {"arcs_deg": (110.0, 170.0)},
-        {
-            "belt": {"bending_stiffness_N_m2": 1e-6},
-            "rig": {"holds": "stretch"},
-        },
+        {"belt": {"bending_stiffness_N_m2": 1e-6}, "rig": {"holds": "stretch"}},
         ["torque_N_m", "hub_force_N"],
     ),
     "arcs_25_to_170": ({"arcs_deg": (25.0, 110.0, 170.0)}, {}, [*CELL.values()]),
@@ -196,19 +164,19 @@ def test_what_must_not_be_mixed(column: str, tmp_path: Path) -> None:
     said = friction(tmp_path, frame.assign(**{column: np.where(half, one, other)}))
     assert said.status == 0, said.stderr
     assert set(pd.read_parquet(tmp_path / "friction.parquet")[column]) == {one, other}
-    refused(beltid(tmp_path, "build-surface", "friction.parquet"), one, other, f"--{column}")
-    chosen = done(tmp_path, "build-surface", "friction.parquet", f"--{column}", other, "--json")
+    refused(beltid(tmp_path, "build-surface friction.parquet"), one, other, f"--{column}")
+    chosen = done(tmp_path, "build-surface friction.parquet", f"--{column}", other, "--json")
     assert chosen.facts["points"] == 9
 
 
 def test_table_that_others_measured(tmp_path: Path) -> None:
     """The flat belt of a student laboratory (source: rigdata/measured_by_others/README.md)."""
     table = ROOT / "rigdata/measured_by_others/flat_belt.csv"
-    said = done(tmp_path, "fit-friction", table, "-o", "friction.parquet", "--json")
+    said = done(tmp_path, "fit-friction", table, "-o friction.parquet --json")
     assert said.json["origin"] == "measured"
-    names = ["run", "arc_deg", "tension_slack_N", "mu_sliding", "mu_sliding_se", "status"]
+    names = "run arc_deg tension_slack_N mu_sliding mu_sliding_se status normal_force_N_m"
     found = {
-        "columns": columns(tmp_path / "friction.parquet", [*names, "normal_force_N_m"]),
+        "columns": columns(tmp_path / "friction.parquet", names),
         "facts": said.facts["runs"],
     }
     kept.check("friction/flat_belt", found)
@@ -228,22 +196,16 @@ def test_table_of_forces_and_friction(tmp_path: Path) -> None:
         }
     )
     table.to_csv(tmp_path / "points.csv", index=False)
-    done(tmp_path, "fit-friction", "points.csv", "-o", "friction.parquet")
+    done(tmp_path, "fit-friction points.csv -o friction.parquet")
     found = pd.read_parquet(tmp_path / "friction.parquet")
     assert found["mu_sliding"].tolist() == chosen["mu"].tolist()
     assert found["normal_force_N_m"].tolist() == pytest.approx(table["normal_force_N_m"].tolist())
 
 
-STIFFNESS = [
-    "temperature_degC",
-    "k_linear_se_N_m2",
-    "k_quadratic_se_N_m3",
-    "k_linear_u_N_m2",
-    "k_quadratic_u_N_m3",
-    "hysteresis_ratio",
-    "max_force_N_m",
-    "n_samples",
-]
+STIFFNESS = (
+    "temperature_degC k_linear_se_N_m2 k_quadratic_se_N_m3 k_linear_u_N_m2 k_quadratic_u_N_m3 "
+    "hysteresis_ratio max_force_N_m n_samples"
+)
 LAWS = {"4pk": (5.6e7, 2.20e11), "5pk": (6.5e7, 3.0256e11), "6pk": (7.1e7, 3.90e11)}
 
 
@@ -258,22 +220,14 @@ def press_error(path: Path, law: tuple[float, float]) -> float:
 
 @pytest.mark.parametrize("belt", LAWS)
 def test_press_of_three_belts(belt: str, tmp_path: Path) -> None:
-    config = ROOT / f"configs/{belt}.yaml"
-    said = done(
-        ROOT,
-        "fit-stiffness",
-        f"rigdata/{belt}/press.csv",
-        "-c",
-        config,
-        "--json",
-        "-o",
-        tmp_path / "stiffness.parquet",
-    )
+    out = tmp_path / "stiffness.parquet"
+    record, config = f"rigdata/{belt}/press.csv", f"configs/{belt}.yaml"
+    said = done(ROOT, f"fit-stiffness {record} -c {config} -o {out} --json")
     wanted = ("temperature_matters", "quadratic_law_supported")
     found = {
-        "columns": columns(tmp_path / "stiffness.parquet", STIFFNESS),
+        "columns": columns(out, STIFFNESS),
         "facts": {name: said.facts[name] for name in wanted},
-        "at_most": {"force_percent": press_error(tmp_path / "stiffness.parquet", LAWS[belt])},
+        "at_most": {"force_percent": press_error(out, LAWS[belt])},
     }
     kept.check(f"stiffness/{belt}", found)
 
@@ -296,7 +250,7 @@ def test_press(name: str, tmp_path: Path) -> None:
     record, section = PRESSES[name]
     benches.press(**record).to_csv(tmp_path / "press.csv", index=False)
     configured(tmp_path, {"press": section})
-    said = done(tmp_path, "fit-stiffness", "press.csv", "--json")
+    said = done(tmp_path, "fit-stiffness press.csv --json")
     law = (record.get("k_linear", 6.5e7), record.get("k_quadratic", 3.0256e11))
     found = {
         "columns": columns(tmp_path / "stiffness.parquet", STIFFNESS),
@@ -313,17 +267,16 @@ def test_sliding_speeds_of_a_drive(small: Path) -> None:
     loss = 0.004 * (torque - torque[0])
     bound = 4 * frame["slip_speed_se_m_s"].to_numpy()
     assert (np.abs(frame["slip_speed_m_s"] - 0.05 * loss) < bound).all()
-    names = ["run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m", "slip_speed_se_m_s"]
+    names = "run driver_speed_rad_s initial_tension_N torque_N_m slip_speed_se_m_s"
     kept.check("slip/small", {"columns": columns(small / "slip.parquet", names)})
 
 
 @pytest.mark.parametrize("belt", LAWS)
 def test_sliding_speeds_of_three_belts(belt: str, tmp_path: Path) -> None:
-    said = done(
-        ROOT, "fit-slip", f"rigdata/{belt}/speedloss.csv", "--json", "-o", tmp_path / "slip.parquet"
-    )
+    out = tmp_path / "slip.parquet"
+    said = done(ROOT, f"fit-slip rigdata/{belt}/speedloss.csv -o {out} --json")
     truth = pd.read_csv(ROOT / f"tests/truth/{belt}/speedloss_truth.csv").set_index("run")
-    found = pd.read_parquet(tmp_path / "slip.parquet").set_index("run")
+    found = pd.read_parquet(out).set_index("run")
     error = found["slip_speed_m_s"] - truth["slip_speed_m_s"].reindex(found.index)
     ratio = float(np.sqrt(np.mean((error / found["slip_speed_se_m_s"]) ** 2)))
     names = ("runs", "largest_slip_speed_m_s", "rig_speeds_proposed_rad_s")

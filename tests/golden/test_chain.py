@@ -43,8 +43,8 @@ def surface_error(path: Path, belt: str) -> dict[str, float]:
     }
 
 
-SURFACE = ["arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu", "mu_se", "mu_u", "n_arcs"]
-COMPARE = ["run", "mu_measured", "mu_simulated", "difference", "u_validation", "within_tolerance"]
+SURFACE = "arc_deg normal_force_N_m slip_speed_m_s mu mu_se mu_u n_arcs"
+COMPARE = "run mu_measured mu_simulated difference u_validation within_tolerance"
 
 
 def test_surfaces_of_the_5pk_belt(belt_5pk: Path) -> None:
@@ -77,10 +77,7 @@ def test_verdicts_of_the_5pk_belt(name: str, belt_5pk: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("belt", ["4pk", "6pk"])
 def test_surfaces_of_the_other_belts(belt: str, tmp_path: Path) -> None:
-    said = beltid(
-        ROOT, "run", f"configs/{belt}.yaml", "--out", tmp_path, "--jobs", 2, "--no-report", "--json"
-    )
-    assert said.status == 0, said.stderr
+    done(ROOT, f"run configs/{belt}.yaml --out {tmp_path} --jobs 2 --no-report")
     errors = {
         name: surface_error(tmp_path / belt / f"{name}.parquet", belt)
         for name in ("surface", "surface_refined")
@@ -90,20 +87,11 @@ def test_surfaces_of_the_other_belts(belt: str, tmp_path: Path) -> None:
 
 def test_artifacts_of_a_chain(belt_5pk: Path) -> None:
     """What `run` leaves, by name; every artifact says that its data are synthetic."""
-    wanted = {
-        "stiffness",
-        "slip",
-        "friction",
-        "surface",
-        "surface_refined",
-        "simulated",
-        "simulated_refined",
-        "compare",
-        "compare_refined",
-        "crossvalidation",
-        "drive",
-        "compare_drive",
-    }
+    names = (
+        "stiffness slip friction surface surface_refined simulated simulated_refined compare "
+        "compare_refined crossvalidation drive compare_drive"
+    )
+    wanted = set(names.split())
     there = {path.stem for path in belt_5pk.glob("*.parquet")}
     assert wanted <= there
     assert (belt_5pk / "report.html").exists()
@@ -129,66 +117,36 @@ def test_small_bench(small: Path) -> None:
 
 
 def test_compare_says_whether_it_agrees(bench: Path) -> None:
-    passed = beltid(bench, "compare", "friction.parquet", "simulated.parquet", "--json")
-    assert passed.status == 0, passed.stderr
+    compare = "compare friction.parquet simulated.parquet --json"
+    passed = done(bench, compare)
     groups = {g["group"]: g for g in passed.facts["groups"]}
     facts = {name: groups[name]["rms_percent"] for name in groups}
     kept.check("chain/small_compare", {"rms_percent": facts, "runs": passed.facts["runs_compared"]})
     tight = {"compare": {"max_rms_relative_error": 1e-4}}
-    config = configured(bench, {"belt": {"name": "small"}, **tight}, "tight.yaml")
-    failed = beltid(
-        bench,
-        "compare",
-        "friction.parquet",
-        "simulated.parquet",
-        "-c",
-        config,
-        "-o",
-        "tight.parquet",
-        "--json",
-    )
+    configured(bench, {"belt": {"name": "small"}, **tight}, "tight.yaml")
+    failed = beltid(bench, compare, "-c tight.yaml -o tight.parquet")
     assert failed.status == 4
     assert failed.json["verdict"].startswith("FAIL")
     assert (bench / "tight.parquet").exists()
 
 
 def test_runs_left_out_are_predicted(bench: Path) -> None:
-    said = beltid(
-        bench, "cross-validate", "friction.parquet", "stiffness.parquet", "--by", "arc", "--json"
-    )
-    found = columns(bench / "crossvalidation.parquet", ["run", "mu_measured", "mu_simulated"])
+    said = beltid(bench, "cross-validate friction.parquet stiffness.parquet --by arc --json")
+    found = columns(bench / "crossvalidation.parquet", "run mu_measured mu_simulated")
     kept.check("chain/small_hold_out", {"columns": found, "status": said.status})
 
 
 def test_selected_runs_of_the_rig(bench: Path) -> None:
     """Runs that are selected go to a file of their own."""
     before = (bench / "simulated.parquet").read_bytes()
-    done(
-        bench,
-        "simulate-rig",
-        "surface.parquet",
-        "stiffness.parquet",
-        "--arc",
-        82,
-        "--tension",
-        200,
-        "--speed",
-        0.21,
-        "--method",
-        "transient",
-        "--jobs",
-        1,
-    )
-    frame = pd.read_parquet(bench / "simulated_part.parquet")
+    simulate = "simulate-rig surface.parquet stiffness.parquet"
+    done(bench, simulate, "--arc 82 --tension 200 --speed 0.21 --method transient --jobs 1")
+    part = bench / "simulated_part.parquet"
     assert (bench / "simulated.parquet").read_bytes() == before
-    names = ["time_s", "tension_tight_N", "tension_slack_N"]
-    kept.check(
-        "chain/one_run",
-        {"columns": columns(bench / "simulated_part.parquet", names, slice(None, None, 10))},
-    )
-    assert frame["run"].nunique() == 1
-    other = beltid(bench, "simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", 60)
-    refused(other, "60", "40", "82")
+    names = "time_s tension_tight_N tension_slack_N"
+    kept.check("chain/one_run", {"columns": columns(part, names, slice(None, None, 10))})
+    assert pd.read_parquet(part)["run"].nunique() == 1
+    refused(beltid(bench, simulate, "--arc 60"), "60", "40", "82")
 
 
 RIGS = {
@@ -205,18 +163,7 @@ def test_simulated_rigs(name: str, bench: Path) -> None:
     config = {"simulation": {"method": "steady", "elements": 20}, **RIGS[name]}
     config["rig"] = rig | config["rig"]
     configured(bench, config, "rig.yaml")
-    done(
-        bench,
-        "simulate-rig",
-        "surface.parquet",
-        "stiffness.parquet",
-        "-c",
-        "rig.yaml",
-        "-o",
-        "other.parquet",
-        "--jobs",
-        1,
-    )
+    done(bench, "simulate-rig surface.parquet stiffness.parquet -c rig.yaml -o other.parquet")
     last = pd.read_parquet(bench / "other.parquet").groupby("run", sort=False).last()
     found = {name: last[name].tolist() for name in ("tension_tight_N", "tension_slack_N")}
     kept.check(f"chain/simulated_{name}", {"columns": found})
@@ -245,9 +192,9 @@ def test_temperature_of_the_runs_is_taken_out(tmp_path: Path) -> None:
     shutil.copy(ROOT / "rigdata/5pk/press.csv", tmp_path)
     asked = {"correct_temperature": True, "reference_temperature_degC": 22}
     configured(tmp_path, {"friction": asked, "simulation": {"method": "steady"}})
-    done(tmp_path, "fit-stiffness", "press.csv")
-    done(tmp_path, "fit-friction", "rig.csv")
-    said = done(tmp_path, "refine-surface", "friction.parquet", "stiffness.parquet")
+    done(tmp_path, "fit-stiffness press.csv")
+    done(tmp_path, "fit-friction rig.csv")
+    said = done(tmp_path, "refine-surface friction.parquet stiffness.parquet")
     error = surface_error(tmp_path / "surface_refined.parquet", "5pk")
     kept.check("chain/temperature", {"at_most": error, "warnings": len(said.warnings)})
     assert error["rms_percent"] < 2.0
@@ -257,9 +204,9 @@ def test_plan_of_the_first_runs(tmp_path: Path) -> None:
     """A plan is the same for the same input, and says what each run is worth."""
     candidates = {"arcs_deg": [40, 82], "tension_N": [100, 200, 411], "speed_rad_s": [0.05, 0.84]}
     configured(tmp_path, {"plan": candidates}, "plan.yaml")
-    done(tmp_path, "plan", "-c", "plan.yaml", "--runs", 4, "--goal-u", 0.02, "--json")
+    done(tmp_path, "plan -c plan.yaml --runs 4 --goal-u 0.02")
     first = (tmp_path / "plan.csv").read_bytes()
-    done(tmp_path, "plan", "-c", "plan.yaml", "--runs", 4, "--goal-u", 0.02, "--force")
+    done(tmp_path, "plan -c plan.yaml --runs 4 --goal-u 0.02 --force")
     assert (tmp_path / "plan.csv").read_bytes() == first
     plan = pd.read_csv(tmp_path / "plan.csv")
     numbers = plan.select_dtypes("number")
@@ -269,14 +216,7 @@ def test_plan_of_the_first_runs(tmp_path: Path) -> None:
 
 def test_plan_says_stop(small: Path, tmp_path: Path) -> None:
     """Where more runs do not help, none are proposed."""
-    done(
-        small,
-        "plan",
-        "surface_refined.parquet",
-        "stiffness.parquet",
-        "--from",
-        "friction.parquet",
-        "-o",
-        tmp_path / "plan.csv",
-    )
-    assert pd.read_csv(tmp_path / "plan.csv").empty
+    out = tmp_path / "plan.csv"
+    results = "surface_refined.parquet stiffness.parquet --from friction.parquet"
+    done(small, f"plan {results} -o {out}")
+    assert pd.read_csv(out).empty

@@ -53,7 +53,7 @@ class Case:
         """Write it and call the command that fits it."""
         path = self.write(folder)
         configured(folder, self.config)
-        assert done(folder, COMMAND[self.kind], path, "--json", "-o", out).json["exit_status"] == 0
+        assert done(folder, COMMAND[self.kind], path, "--json -o", out).json["exit_status"] == 0
         return pq.read_table(folder / out).to_pandas()
 
 
@@ -532,7 +532,7 @@ def test_a_config_is_refused_at_its_place(content: str, words: str, tmp_path: Pa
 def test_numbers_of_a_config_are_those_of_yaml_1_2(tmp_path: Path) -> None:
     content = "belt: {axial_stiffness_N: 1e5, shear_stiffness_N_m2: 3025.6e6}\n"
     (tmp_path / "belt.yaml").write_text(content)
-    table = done(tmp_path, "config", "show", "belt.yaml", "--json").json["table"]
+    table = done(tmp_path, "config show belt.yaml --json").json["table"]
     found = {row["key"]: row["value"] for row in table}
     assert found["belt.axial_stiffness_N"] == 1e5
     assert found["belt.shear_stiffness_N_m2"] == 3025.6e6
@@ -551,7 +551,7 @@ def test_the_nearest_config_is_found_and_named(tmp_path: Path) -> None:
             path.write_text(f"rig: {{pulley_radius_m: {radius}}}\n")
         shell = {"BELTID_CONFIG": "shell.yaml"} if number >= 5 else {}
         named = ["-c", "named.yaml"] if number >= 6 else []
-        said = done(folder, "fit-slip", "loss.csv", "--json", "-o", "out.parquet", *named, **shell)
+        said = done(folder, "fit-slip loss.csv --json -o out.parquet", *named, **shell)
         assert (path.name if path else "built-in") in said.stderr.splitlines()[0]
         last = said.json["table"][-1]
         assert last["slip_speed_m_s"] == pytest.approx(radius * last["speed_loss_rad_s"])
@@ -564,7 +564,7 @@ def test_relative_paths_begin_at_the_folder_of_the_config(tmp_path: Path) -> Non
     refused(lacking, "belt.yaml:1:13", "data.rig", "belt.yaml:1:34", "data.press", "rig.csv")
     (tmp_path / "configs" / "data" / "rig.csv").write_text(w.table(RIG))
     (tmp_path / "P.csv").write_text(w.table(PRESS))
-    done(tmp_path, "config", "check", "configs/belt.yaml")
+    done(tmp_path, "config check configs/belt.yaml")
 
 
 # --- inspect -------------------------------------------------------------------------------------

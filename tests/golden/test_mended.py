@@ -37,14 +37,14 @@ def test_friction_held_at_rest_is_no_gain_of_the_cells(held: float, tmp_path: Pa
 
 def test_a_name_is_never_code(belt_5pk: Path, tmp_path: Path) -> None:
     named = configured(tmp_path, {"belt": {"name": "5pk", "type": CODE}})
-    said = beltid(tmp_path, "export", "exudyn", belt_5pk, "-c", named, "-o", tmp_path / "out")
+    said = beltid(tmp_path, "export exudyn", belt_5pk, "-c", named, "-o", tmp_path / "out")
     refused(said, "belt.type", "beltid.yaml:")
     law = json.loads((Path(__file__).parent / "kept/export/5pk.beltlaw.json").read_text())
     del law["content_sha256"]
     law["belt"]["type"] = CODE + "#" * 60
     (tmp_path / "5pk.beltlaw.json").write_text(json.dumps(law))
     for target in ("python", "exudyn", "c"):
-        said = beltid(tmp_path, "export", target, "5pk.beltlaw.json", "-o", tmp_path / "out")
+        said = beltid(tmp_path, "export", target, "5pk.beltlaw.json -o", tmp_path / "out")
         refused(said, "belt.type", "5pk.beltlaw.json")
     assert not list(tmp_path.rglob("*.py"))
 
@@ -53,7 +53,7 @@ def test_offsets_are_judged_per_level_of_tension(tmp_path: Path) -> None:
     frame = pd.read_csv(ROOT / "rigdata/5pk/rig.csv")
     frame = frame[(frame["arc_deg"] == 82) & frame["initial_tension_N"].isin([270, 411])]
     frame.to_csv(tmp_path / "two.csv", index=False)
-    done(tmp_path, "fit-friction", "two.csv")
+    done(tmp_path, "fit-friction two.csv")
     rig = benches.Rig()
     tared = rig.recording()[benches.CELLS]
     tared[[*CELL.values()]] += 20.0
@@ -61,7 +61,7 @@ def test_offsets_are_judged_per_level_of_tension(tmp_path: Path) -> None:
 
 
 def test_turns_per_minute_are_never_radians_per_second(tmp_path: Path) -> None:
-    rig = benches.Rig(tensions_N=(100.0, 411.0), speeds_rad_s=(0.05, 0.84))
+    rig = benches.Rig(arcs_deg=(82.0,), tensions_N=(200.0,), speeds_rad_s=(0.05, 0.84))
     frame = rig.recording()[benches.CELLS]
     frame["pulley_speed_rad_s"] *= 30 / np.pi
     for name in ("RPM", "Drehzahl", "U/min"):
@@ -72,7 +72,7 @@ def test_turns_per_minute_are_never_radians_per_second(tmp_path: Path) -> None:
         else:
             speed = pd.read_parquet(tmp_path / "friction.parquet")["pulley_speed_rad_s"].abs()
             assert sorted({round(x, 3) for x in speed}) == [0.05, 0.84]
-        told = beltid(tmp_path, "inspect", "rig.csv")
+        told = beltid(tmp_path, "inspect rig.csv")
         assert f"{name}: rad/s" not in told.stdout
         (tmp_path / "friction.parquet").unlink(missing_ok=True)
 
@@ -133,7 +133,7 @@ def test_a_file_without_names_loses_no_row(tmp_path: Path) -> None:
     frame = benches.press()
     frame.drop(columns="test").to_csv(tmp_path / "bare.csv", index=False, header=False)
     configured(tmp_path, {})
-    refused(beltid(tmp_path, "fit-stiffness", "bare.csv"), "bare.csv", "names")
+    refused(beltid(tmp_path, "fit-stiffness bare.csv"), "bare.csv", "names")
     names = ["temperature_degC", "time_s", "displacement_mm", "force_N"]
     configured(tmp_path, {"dialect": {"names": names}})
     read = beltid_api.read_press(tmp_path / "bare.csv", tmp_path / "beltid.yaml")
@@ -146,7 +146,7 @@ def other_stiffness(bench: Path) -> Path:
     """The small bench, with the law of a segment of half the length in place of its own."""
     config = json.loads((bench / "beltid.yaml").read_text()) | {"press": {"segment_length_cm": 2}}
     configured(bench, config)
-    done(bench, "fit-stiffness", "press.csv", "--force")
+    done(bench, "fit-stiffness press.csv --force")
     return bench
 
 
@@ -164,28 +164,28 @@ def test_a_surface_of_another_stiffness_is_refused(other_stiffness: Path) -> Non
 
 def test_a_simulation_of_another_stiffness_is_not_compared(bench: Path) -> None:
     """The simulated runs of a belt that was reduced anew prove nothing about it."""
-    done(bench, "compare", "friction.parquet", "simulated.parquet")
+    done(bench, "compare friction.parquet simulated.parquet")
     frame = pd.read_csv(bench / "rig.csv")
     frame["tension_tight_N"] *= 1.02
     frame.to_csv(bench / "rig.csv", index=False)
-    done(bench, "fit-friction", "rig.csv", "--force")
-    said = beltid(bench, "compare", "friction.parquet", "simulated.parquet", "--force")
+    done(bench, "fit-friction rig.csv --force")
+    said = beltid(bench, "compare friction.parquet simulated.parquet --force")
     refused(said, "friction.parquet", "simulated.parquet", "simulate-rig")
 
 
 def test_every_key_of_the_rig_counts_for_the_comparison(bench: Path) -> None:
     config = json.loads((bench / "beltid.yaml").read_text())
-    done(bench, "compare", "friction.parquet", "simulated.parquet")
+    done(bench, "compare friction.parquet simulated.parquet")
     configured(bench, config | {"rig": {"holds": "stretch"}})
-    said = done(bench, "compare", "friction.parquet", "simulated.parquet", "--json")
+    said = done(bench, "compare friction.parquet simulated.parquet --json")
     assert said.json["up_to_date"] is False
 
 
 def test_a_damaged_report_is_written_again(bench: Path) -> None:
-    done(bench, "report", ".")
+    done(bench, "report .")
     page = (bench / "report.html").read_text()
     (bench / "report.html").write_text(page.replace("synthetic", "measured"))
-    done(bench, "report", ".")
+    done(bench, "report .")
     assert (bench / "report.html").read_text() == page
 
 
@@ -215,14 +215,14 @@ def test_a_plain_file_needs_no_temporary_folder(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("gfortran") is None, reason="no Fortran compiler")
 def test_the_fortran_law_is_fortran_2003(belt_5pk: Path, tmp_path: Path) -> None:
-    done(tmp_path, "export", "fortran", belt_5pk, "-o", tmp_path)
+    done(tmp_path, "export fortran", belt_5pk, "-o", tmp_path)
     (source,) = tmp_path.glob("*.f90")
     command = ["gfortran", "-std=f2003", "-Wall", "-Werror", "-c", source.name]
     subprocess.run(command, cwd=tmp_path, check=True)
 
 
 def test_the_range_called_measured_is_the_measured_one(belt_5pk: Path, tmp_path: Path) -> None:
-    done(tmp_path, "export", "exudyn", belt_5pk, "-o", tmp_path)
+    done(tmp_path, "export exudyn", belt_5pk, "-o", tmp_path)
     (module,) = tmp_path.glob("*.py")
     line = next(line for line in module.read_text().splitlines() if line.startswith("FORCE_RANGE"))
     low, high = eval(line.partition("=")[2])  # a tuple of two numbers

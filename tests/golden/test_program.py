@@ -17,26 +17,10 @@ import pytest
 from golden import benches
 from golden.door import ROOT, beltid, configured, done, refused
 
-COMMANDS = [
-    "inspect",
-    "init",
-    "run",
-    "report",
-    "show",
-    "config",
-    "export",
-    "fit-stiffness",
-    "fit-slip",
-    "fit-friction",
-    "build-surface",
-    "refine-surface",
-    "simulate-rig",
-    "compare",
-    "cross-validate",
-    "simulate-drive",
-    "compare-drive",
-    "plan",
-]
+COMMANDS = (
+    "inspect init run report show config export fit-stiffness fit-slip fit-friction build-surface "
+    "refine-surface simulate-rig compare cross-validate simulate-drive compare-drive plan"
+)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -49,7 +33,7 @@ def two_belts(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Configs of two belts on the recordings of the small bench, run once."""
     folder = tmp_path_factory.mktemp("belts")
     (folder / "press.csv").symlink_to(small / "press.csv")
-    runs = benches.Rig(tensions_N=(100.0, 411.0), speeds_rad_s=(0.05, 0.84)).recording()
+    runs = benches.Rig(tensions_N=(200.0,), speeds_rad_s=(0.05, 0.84)).recording()
     runs[benches.CELLS].to_csv(folder / "rig.csv", index=False)
     for name, EI in (("one", 0.02), ("two", 0.01)):
         config = {
@@ -65,13 +49,13 @@ def two_belts(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         }
         configured(folder, config, f"{name}.yaml")
     run = ("run", "one.yaml", "two.yaml", "--no-report")
-    done(folder, *run, "--out", "runs", "--jobs", 1)
+    done(folder, *run, "--out runs --jobs 1")
     return folder
 
 
 def test_same_bytes_for_two_workers(two_belts: Path) -> None:
     run = ("run", "one.yaml", "two.yaml", "--no-report")
-    said = done(two_belts, *run, "--out", "parallel", "--jobs", 2)
+    said = done(two_belts, *run, "--out parallel --jobs 2")
     notes = [line.partition(": ")[0] for line in said.stderr.splitlines() if ": done, " in line]
     assert set(notes) == {"one", "two"}
     assert len(notes) == 2 * len(list((two_belts / "parallel/one").glob("*.parquet")))
@@ -82,7 +66,7 @@ def test_same_bytes_for_two_workers(two_belts: Path) -> None:
 
 def test_a_second_run_does_nothing(two_belts: Path) -> None:
     before = {p: p.stat().st_mtime_ns for p in (two_belts / "runs").rglob("*.parquet")}
-    done(two_belts, "run", "one.yaml", "two.yaml", "--no-report", "--out", "runs", "--jobs", 1)
+    done(two_belts, "run one.yaml two.yaml --no-report --out runs --jobs 1")
     assert {p: p.stat().st_mtime_ns for p in (two_belts / "runs").rglob("*.parquet")} == before
 
 
@@ -92,12 +76,12 @@ def test_a_key_that_nothing_depends_on_recomputes_nothing(two_belts: Path) -> No
     times = {p.name: p.stat().st_mtime_ns for p in (two_belts / "runs/one").glob("*.parquet")}
     config["compare_drive"] = {"min_torque_share": 0.3}
     configured(two_belts, config, "one.yaml")
-    done(two_belts, "run", "one.yaml", "--no-report", "--out", "runs", "--jobs", 1)
+    done(two_belts, "run one.yaml --no-report --out runs --jobs 1")
     again = {p.name: p.stat().st_mtime_ns for p in (two_belts / "runs/one").glob("*.parquet")}
     assert again == times
     config["compare"]["max_relative_error"] = 0.8
     configured(two_belts, config, "one.yaml")
-    done(two_belts, "run", "one.yaml", "--no-report", "--out", "runs", "--jobs", 1)
+    done(two_belts, "run one.yaml --no-report --out runs --jobs 1")
     last = {p.name: p.stat().st_mtime_ns for p in (two_belts / "runs/one").glob("*.parquet")}
     changed = {name for name in last if last[name] != times[name]}
     assert changed
@@ -105,7 +89,7 @@ def test_a_key_that_nothing_depends_on_recomputes_nothing(two_belts: Path) -> No
 
 
 def test_dry_run_writes_nothing(two_belts: Path, tmp_path: Path) -> None:
-    done(two_belts, "run", "one.yaml", "--dry-run", "--out", tmp_path / "none")
+    done(two_belts, "run one.yaml --dry-run --out", tmp_path / "none")
     assert not list(tmp_path.rglob("*.parquet"))
 
 
@@ -116,17 +100,7 @@ def test_one_of_two_belts_fails(two_belts: Path, tmp_path: Path) -> None:
     (tmp_path / "press.csv").write_text("test,time_s,displacement_mm,force_N\nP,0,0,1\nP,1,1,2\n")
     config["data"] |= {"rig": str(two_belts / "rig.csv")}
     configured(tmp_path, config, "broken.yaml")
-    said = beltid(
-        two_belts,
-        "run",
-        "two.yaml",
-        tmp_path / "broken.yaml",
-        "--no-report",
-        "--out",
-        "runs",
-        "--jobs",
-        1,
-    )
+    said = beltid(two_belts, f"run two.yaml {tmp_path}/broken.yaml --no-report --out runs --jobs 1")
     assert said.status == 5
     assert "press.csv" in said.stderr
     assert (two_belts / "runs/two/compare.parquet").exists()
@@ -137,7 +111,7 @@ def test_out_of_tolerance(two_belts: Path, tmp_path: Path) -> None:
     config["compare"] = {"max_rms_relative_error": 1e-4}
     shutil.copytree(two_belts, tmp_path, symlinks=True, dirs_exist_ok=True)
     configured(tmp_path, config, "two.yaml")
-    said = beltid(tmp_path, "run", "two.yaml", "--no-report", "--out", "runs", "--jobs", 1)
+    said = beltid(tmp_path, "run two.yaml --no-report --out runs --jobs 1")
     assert said.status == 4
 
 
@@ -146,20 +120,9 @@ def test_stopped_from_outside(number: int, status: int, two_belts: Path, tmp_pat
     """What a signal leaves is whole: a second run goes on from there."""
     environment = {k: v for k, v in os.environ.items() if k != "BELTID_CONFIG"}
     environment["PYTHONPATH"] = str(ROOT)
-    command = [
-        sys.executable,
-        "-m",
-        "beltid",
-        "run",
-        "one.yaml",
-        "--no-report",
-        "--jobs",
-        "1",
-        "--out",
-        str(tmp_path / "runs"),
-    ]
+    command = f"{sys.executable} -m beltid run one.yaml --no-report --jobs 1 --out {tmp_path}/runs"
     process = subprocess.Popen(
-        command,
+        command.split(),
         cwd=two_belts,
         env=environment,
         stderr=subprocess.PIPE,
@@ -177,7 +140,7 @@ def test_stopped_from_outside(number: int, status: int, two_belts: Path, tmp_pat
     done(tmp_path, "show", tmp_path / "runs/one/stiffness.parquet")
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", COMMANDS.split())
 def test_help(command: str) -> None:
     said = done(ROOT, command, "--help")
     assert command in said.stdout
@@ -185,19 +148,17 @@ def test_help(command: str) -> None:
 
 def test_usage() -> None:
     assert beltid(ROOT, "fit-frictoin").status == 2
-    assert beltid(ROOT, "fit-friction", "--no-such-option").status == 2
+    assert beltid(ROOT, "fit-friction --no-such-option").status == 2
     assert done(ROOT, "--version").stdout.startswith("beltid ")
 
 
 def test_a_result_is_never_replaced_by_accident(bench: Path) -> None:
     """A foreign file at the output stays, an input is never the output."""
     (bench / "mine.parquet").write_text("my own file")
-    refused(
-        beltid(bench, "build-surface", "friction.parquet", "-o", "mine.parquet"), "mine.parquet"
-    )
+    refused(beltid(bench, "build-surface friction.parquet -o mine.parquet"), "mine.parquet")
     assert (bench / "mine.parquet").read_text() == "my own file"
     before = (bench / "friction.parquet").read_bytes()
-    same = beltid(bench, "build-surface", "friction.parquet", "-o", "friction.parquet", "--force")
+    same = beltid(bench, "build-surface friction.parquet -o friction.parquet --force")
     refused(same, "friction.parquet")
     assert (bench / "friction.parquet").read_bytes() == before
 
@@ -209,7 +170,7 @@ def test_a_flipped_byte_is_never_read_in_silence(bench: Path) -> None:
         damaged = bytearray(whole)
         damaged[place] ^= 0x40
         (bench / "friction.parquet").write_bytes(bytes(damaged))
-        said = beltid(bench, "build-surface", "friction.parquet", "-o", "other.parquet", "--force")
+        said = beltid(bench, "build-surface friction.parquet -o other.parquet --force")
         assert said.status in (0, 2), place
         if said.status == 2:
             assert "friction.parquet" in said.stderr
@@ -218,8 +179,8 @@ def test_a_flipped_byte_is_never_read_in_silence(bench: Path) -> None:
 
 
 def test_wrong_kind_of_artifact(bench: Path) -> None:
-    refused(beltid(bench, "build-surface", "stiffness.parquet"), "stiffness", "friction")
-    refused(beltid(bench, "compare", "friction.parquet", "nothing.parquet"), "nothing.parquet")
+    refused(beltid(bench, "build-surface stiffness.parquet"), "stiffness", "friction")
+    refused(beltid(bench, "compare friction.parquet nothing.parquet"), "nothing.parquet")
 
 
 def test_no_usable_law_is_a_numerical_failure(tmp_path: Path) -> None:
@@ -227,6 +188,6 @@ def test_no_usable_law_is_a_numerical_failure(tmp_path: Path) -> None:
     rows = ["test,time_s,displacement_mm,force_N"]
     rows += [f"P,{k * 0.1:.1f},{k * 0.001:.3f},{100 + k % 2}" for k in range(200)]
     (tmp_path / "press.csv").write_text("\n".join(rows) + "\n")
-    said = beltid(tmp_path, "fit-stiffness", "press.csv")
+    said = beltid(tmp_path, "fit-stiffness press.csv")
     assert said.status in (2, 3)
     assert not (tmp_path / "stiffness.parquet").exists()
