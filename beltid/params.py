@@ -46,7 +46,7 @@ class Contact:
     """Settings of the contact that are not part of the identified laws."""
 
     C_P: float = 300.0  # normal damping of a contact point of the default mesh, Eq. (4) [N s/m]
-    points_per_element: int = 5  # equally spaced, per belt element
+    points_per_element: int = 9  # equally spaced, per belt element
     sticking_ratio: float = 1.0  # static friction over that of the lowest measured speed [-]
 
 

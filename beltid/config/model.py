@@ -130,7 +130,7 @@ class ContactSection(Section):
     """Contact of the simulated rig; no bench measures these."""
 
     damping_N_s_m: float = number(300.0, 0, 1e7, "N s/m", "C_P; sliding does not depend on it")
-    points_per_element: int = count(5, 1, 9, "contact points per belt element")
+    points_per_element: int = count(9, 1, 9, "contact points per belt element")
 
 
 class DataSection(Section):

@@ -23,7 +23,6 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.belt import Section
-from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, equilibrium
 from beltid.rig.state import Motion, Points
@@ -31,7 +30,7 @@ from beltid.rig.steady import StaticState, lay_on
 
 Array = NDArray[np.float64]
 
-FINER = 3.0  # elements of a flowing belt over those of the rig
+FINER, POINTS = 3.0, 5  # elements of a flowing belt over those of the rig; contact points of each
 # sliding speed at which friction is nearly whole, over v0: from rest, from a similar state, at last
 FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
 FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
@@ -57,8 +56,9 @@ class FlowPulley:
     def model(self) -> RigModel:
         """The belt on its mesh, before it flows."""
         rig, point = Rig(self.R, self.span), OperatingPoint(self.wrap, self.tension, 1.0)
-        default = graded_nodes(self.belt, rig, self.law, self.wrap, self.tension).size - 1
-        bench = Bench(self.belt, rig, Contact(C_P=0.0), self.law, FrictionSurface.constant(1.0))
+        contact, surface = Contact(0.0, POINTS), FrictionSurface.constant(1.0)
+        bench = Bench(self.belt, rig, contact, self.law, surface)
+        default = bench.model(point).nodes.size - 1
         return bench.model(point, 2 * round(0.5 * FINER * default))
 
     @functools.cached_property

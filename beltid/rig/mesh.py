@@ -32,8 +32,8 @@ INSIDE = 0.3  # distance of the finest elements inside the first contact, over t
 GROWTH_IN_SPAN = 1.3  # of the element length over the distance, if layer = bending length
 GROWTH_ON_ARC = 0.2
 LONGEST = 1.5  # element length on the arc over the layer, at most
-ELEMENT = 0.3  # length of the default elements over the target length
-FEWEST_ELEMENTS, MOST_ELEMENTS = 10, 1000
+ELEMENT = 0.06  # length of the default elements per contact point, over the target length
+FEWEST_ELEMENTS, MOST_ELEMENTS = 20, 1000
 SAMPLES = 400  # of the target lengths over half the path
 
 
@@ -150,7 +150,7 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
 
 
 def graded_nodes(
-    belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n: int | None = None
+    belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n_c: int, n: int | None = None
 ) -> Array:
     """Build the nodes (n + 1,) [m] of a mesh graded towards the ends of the contact.
 
@@ -158,7 +158,8 @@ def graded_nodes(
     elements; it decays over the layer of :func:`touchdown` on the pulley's side and over the
     bending length in the span. So the elements there are the shortest and grow in both directions.
     They are shorter on a small pulley, where their angle is the limit, and at a clamp, which also
-    bends the belt. ``n`` is even; by default what the lengths ask for.
+    bends the belt. ``n`` is even; by default what the lengths and the ``n_c`` points of an element
+    ask for.
     """
     half = 0.5 * Path(rig.R, rig.span, beta).length
     offset, layer, _ = touchdown(belt, rig, law, T_0)
@@ -172,7 +173,7 @@ def graded_nodes(
         wanted = np.minimum(wanted, bend + s)
     density = 1.0 / wanted
     before = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
-    count = 2 * math.ceil(before[-1] / ELEMENT) if n is None else n
+    count = 2 * math.ceil(before[-1] / (ELEMENT * n_c)) if n is None else n
     if n is None:
         count = min(max(count, FEWEST_ELEMENTS), MOST_ELEMENTS)
     left = np.interp(np.linspace(0.0, before[-1], count // 2 + 1), before, s)

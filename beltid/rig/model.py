@@ -91,7 +91,8 @@ class Bench:
         if isinstance(mesh, RigModel):
             nodes, edge = mesh.path.stretched(path, mesh.nodes), mesh.system.pulley.edge
         else:
-            nodes = graded_nodes(belt, rig, self.law, point.beta, point.T_0, mesh)
+            n_c = self.contact.points_per_element
+            nodes = graded_nodes(belt, rig, self.law, point.beta, point.T_0, n_c, mesh)
         along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
         pulley = Pulley(
             R=float(path.R),

@@ -21,7 +21,7 @@ def test_the_built_in_rig_is_that_of_the_paper():
     belt, rig, contact = config.belt_params(), config.rig_params(), config.contact_params()
     assert (belt.EA, belt.EI, belt.rhoA, belt.damping_time) == (1e5, 0.02, 0.10, 1e-4)
     assert (rig.R, rig.span, rig.supports) == (0.05, 0.10, "pinned")
-    assert (contact.C_P, contact.points_per_element, contact.sticking_ratio) == (300.0, 5, 1.0)
+    assert (contact.C_P, contact.points_per_element, contact.sticking_ratio) == (300.0, 9, 1.0)
     settings = config.rig
     assert settings.arcs_deg == (40, 68, 82)
     assert len(settings.initial_tensions_N) * len(settings.pulley_speeds_rad_s) * 3 == 120

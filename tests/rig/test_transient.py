@@ -59,11 +59,11 @@ def test_all_of_the_belt_slides_at_last_with_more_friction_at_rest() -> None:
 def test_more_friction_at_rest_gives_a_peak_above_the_same_plateau() -> None:
     runs = [
         simulate(bench(law=LAW_5PK, contact=Contact(sticking_ratio=ratio)), at(omega=0.02))
-        for ratio in (1.0, 1.2)
+        for ratio in (1.0, 1.5)
     ]
     peaks = [run.recording["tension_tight_N"].max() for run in runs if run.recording]
     assert runs[0].mu == pytest.approx(runs[1].mu, rel=1e-6)
-    assert peaks[1] > 1.001 * runs[1].tension_tight_N
+    assert peaks[1] > 1.003 * runs[1].tension_tight_N
     assert peaks[0] == pytest.approx(runs[0].tension_tight_N, rel=1e-4)
 
 
@@ -149,7 +149,8 @@ def test_return_mapping_agrees_with_the_papers_complementarity_problem(
     arc: float, T_0: float, law: int
 ) -> None:
     """Ten elements of five points, the same steps: 0.1 % of the rise, plateau within 1e-6."""
-    rig = bench(law=LAW_5PK, mu=0.5 if law else surface_5pk())
+    five = Contact(points_per_element=5)
+    rig = bench(law=LAW_5PK, mu=0.5 if law else surface_5pk(), contact=five)
     model, laid, sliding = slid(rig, at(arc, T_0, 0.2), 10)
     exact = make_schedule(model, laid, sliding)
     given = exact.copy()
