@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.names import distinct_names, is_unit, unit_in_name
+from beltid.bench.names import distinct_names, is_unit
 from beltid.bench.numbers import MISSING, NumberSigns, is_clock, is_date, is_number
 from beltid.bench.raw import Field, Raw, first_texts
 from beltid.errors import InputError
@@ -182,7 +182,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
     for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
         if name:
             columns[name] = _column([row[i] if i < len(row) else None for row in body])
-            units[name] = unit or unit_in_name(name)
+            units[name] = unit
     texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
     return Raw(
         place,
