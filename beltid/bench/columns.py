@@ -10,7 +10,7 @@ from typing import Any, Final, cast
 import numpy as np
 import pandas as pd
 
-from beltid.bench import text
+from beltid.bench import cells
 from beltid.bench.mapping import (
     Found,
     Needs,
@@ -246,16 +246,16 @@ def _run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional))
-    part = read_part([*text.read(path, str(path), needs.dialect)], needs)
+    part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
-        cells = {role: values[k] for role, values in part.columns.items()}
-        name = str(cells.pop("file") or "")
+        row = {role: values[k] for role, values in part.columns.items()}
+        name = str(row.pop("file") or "")
         if name in rows:
             needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
-        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
+        rows[name] = {role: cell for role, cell in row.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
     return rows
 
