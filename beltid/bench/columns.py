@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import pandas as pd
 
-from beltid.bench import text
+from beltid.bench import cells
 from beltid.bench.mapping import (
     Found,
     Needs,
     channels_of,
     channels_of_head,
-    in_groups,
     lacking,
     mapped,
     meant,
@@ -28,8 +27,8 @@ from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
 from beltid.bench.raw import Field, Raw, is_text
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import Problems
-from beltid.tables.schemas import SETTINGS, Column, Table
-from beltid.tables.units import Conversion, conversion
+from beltid.tables.schemas import SETTINGS, Column
+from beltid.tables.units import CONVERSIONS, Conversion, canonical_unit
 from beltid.tables.values import absent, is_missing, shown_value
 
 MASTERS: Final = (
@@ -62,44 +61,35 @@ class Part:
 def read_part(
     raws: Sequence[Raw], needs: Needs, settings: Settings | None = None, names: tuple[str, ...] = ()
 ) -> Part | None:
-    """Read our columns from the tables of one recording; None if something is wrong."""
+    """Read our columns from the tables of one recording, and empty them; None if it fails."""
     problems, wrong, clock = needs.problems, needs.problems.count, Clock()
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
-    timed = [raw for raw in raws if id(raw) in times] or raws[:1]
     own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
-    channels = [
-        c
-        for c in in_groups(channels_of(raws))
-        if id(c.raw) in {*map(id, timed)} and own.get(id(c.raw)) != c.key
-    ]
-    raws = timed
-    raw = raws[0]
+    channels = [c for c in channels_of(raws) if own.get(id(c.raw)) != c.key]
+    raws = [raw for raw in raws if id(raw) in times] or raws[:1]
+    channels = [c for c in channels if id(c.raw) in {*map(id, raws)}]
+    raw, notes = raws[0], [*dict.fromkeys(note for raw in raws for note in raw.notes)]
     found = mapped(channels, needs, f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
-    notes, is_mapped = [*dict.fromkeys(n for r in raws for n in r.notes)], problems.count == wrong
-    fields = [entry for raw in raws for entry in raw.fields]
+    is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = settings.of(raw.place, names, found, fields, notes) if settings else {}
     if is_mapped:
         refuse_missing(channels, found, needs, raw.head, stated)
     if not is_mapped or lacking(needs.table, {*found, *stated}):
         return None
-    # without the tables, whose memory is free once the columns are used up
-    bare = {id(raw): raw.bare() for raw in raws}
     rows: np.ndarray | None
     if times:
         columns, rows = _aligned(found, times, first, needs, notes)
     else:
         columns, rows = _filled({r: values_of(match, needs, clock) for r, match in found.items()})
+    notes += notes_of(found, needs.table, channels)
     for raw in raws:
         problems.take(raw.problems)
-    notes += notes_of(found, needs.table, channels)
-    kept = {
-        role: replace(f, channel=replace(f.channel, raw=bare[id(f.channel.raw)]))
-        for role, f in found.items()
-    }
-    part = Part(bare[id(first)], columns, kept, names, notes, rows)
+        for name in [*raw.frame]:
+            del raw.frame[name]  # its memory is free
+    part = Part(first, columns, found, names, notes, rows)
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
@@ -168,7 +158,7 @@ class Settings:
     def __init__(self, needs: Needs) -> None:
         self.needs, self.table = needs, needs.table
         self.pattern = name_pattern(needs.pattern) if needs.pattern else None
-        self.rows = read_run_table(needs.run_table, needs.table) if needs.run_table else {}
+        self.rows = _run_table(needs) if needs.run_table else {}
 
     def of(
         self,
@@ -185,15 +175,13 @@ class Settings:
         told = dict(needs.values)
         if self.pattern is not None:
             values = next(filter(None, map(self.pattern.values, names)), None)
-            told |= self._in_name(values, place) if values else {}
+            told |= self._in_name(values or {}, place)
             if not values and not is_complete:
-                needs.problems.add(
-                    f"{place}: the name does not match runs.{table.kind}.pattern = "
-                    f'"{needs.pattern}"'
-                )
+                pattern = f'runs.{table.kind}.pattern = "{needs.pattern}"'
+                needs.problems.add(f"{place}: the name does not match {pattern}")
         if self.rows:
-            name = next((n for n in names if n in self.rows), None)
-            told |= self.rows[name] if name else {}
+            name = next((n for n in names if n in self.rows), "")
+            told |= self.rows.get(name, {})
             if not name and not is_complete:
                 needs.problems.add(f"{needs.run_table}: has no row for {names[0]}")
         for role, matches in settings_in_head(fields, needs).items():
@@ -225,17 +213,16 @@ class Settings:
     def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
         """Take label and settings from what the pattern of the config finds in a name."""
         told: dict[str, Any] = {}
-        assert self.pattern is not None
         for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
             column, told[role] = self.table.column(role), values[role]
-            unit = self.pattern.units.get(role, column.unit)
-            by = conversion(unit, column.unit)
+            unit = self.pattern.units.get(role, column.unit) if self.pattern else ""
+            if column.dtype == "string":
+                continue
             try:
-                if column.dtype != "string":
-                    told[role] = (
-                        by.apply(number_in_name(values[role])) if by else float("unknown unit")
-                    )
-            except ValueError:
+                told[role] = CONVERSIONS[column.unit][canonical_unit(unit)].apply(
+                    number_in_name(values[role])
+                )
+            except (KeyError, ValueError):
                 found = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
                 self.needs.problems.add(f"{place}: {found}")
         return told
@@ -252,22 +239,23 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
     }
 
 
-def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
-    """Read a table of runs: name of a file or group -> the values in its row."""
+def _run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
+    """Read the table of runs: name of a file or group -> the values in its row."""
+    path, table = cast(Path, of.run_table), of.table
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional))
-    part = read_part([*text.read(path, str(path), needs.dialect)], needs)
+    part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
-        cells = {role: values[k] for role, values in part.columns.items()}
-        name = str(cells.pop("file") or "")
+        row = {role: values[k] for role, values in part.columns.items()}
+        name = str(row.pop("file") or "")
         if name in rows:
             needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
-        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
+        rows[name] = {role: cell for role, cell in row.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
     return rows
 
@@ -312,21 +300,20 @@ def _aligned(
     for role in [role for role in found if role != "time_s"]:
         match, own = found[role], seconds[id(found[role].channel.raw)]
         values, name = values_of(match, needs), match.channel.name
-        is_same = len(own) == len(time) and np.allclose(own, time, rtol=0, atol=1e-9)
-        if not is_same and values.dtype == object:
+        if len(own) == len(time) and np.allclose(own, time, rtol=0, atol=1e-9):
+            columns[role] = values[kept]
+        elif values.dtype == object:
             left_out.append(name)
             del found[role]
-            continue
-        if not is_same:
+        else:
             moved.append(name)
+            columns[role] = np.interp(time, own, values, left=np.nan, right=np.nan)[kept]
             if not np.all(np.diff(own) > 0):
-                group = match.channel.raw.name
                 needs.problems.add(
-                    f"{place}: the time of {group} (time_s) does not increase from sample to "
-                    "sample, so its channels cannot be aligned with those of other rates"
+                    f"{place}: the time of {match.channel.raw.name} (time_s) does not increase "
+                    "from sample to sample, so its channels cannot be aligned with those of other "
+                    "rates"
                 )
-            values = np.interp(time, own, values, left=np.nan, right=np.nan)
-        columns[role] = values[kept]
     if kept.sum() < MIN_OVERLAP:
         needs.problems.add(
             f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "

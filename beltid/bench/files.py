@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import IO, Final, cast
+from typing import Final
 
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES, opened, sha256
@@ -47,21 +47,36 @@ class Source:
     @contextlib.contextmanager
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
-        path, member = self.path, self.member
-        form = "zip" if member else format_of(path)
-        packed = tempfile.TemporaryDirectory(prefix="beltid-") if form in ("gzip", "zip") else None
+        path, form = self.path, "zip" if self.member else format_of(self.path)
+        is_packed = form in ("gzip", "zip")
+        packed = tempfile.TemporaryDirectory(prefix="beltid-") if is_packed else None
         with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
-            if packed:
+            if is_packed:
                 path = Path(folder) / "recording"
-                unpack(self.path, path, self.name, member)
+                self._unpack(path)
                 form = format_of(path)
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             if path.stat().st_size > MAX_BYTES:
-                raise InputError(f"{self.name}: larger than {MAX_BYTES >> 20} MB, split it")
+                what = "unpacks to more" if is_packed else "larger"
+                raise InputError(f"{self.name}: {what} than {MAX_BYTES >> 20} MB, split it")
             if not path.stat().st_size:
                 raise InputError(f"{self.name}: the file is empty")
             yield path, form
+
+    def _unpack(self, out: Path) -> None:
+        """Unpack the file in parts, up to a limit."""
+        try:
+            with opened(self.path) as file, out.open("wb") as target:
+                archive = zipfile.ZipFile(file) if self.member else None
+                packed = archive.open(self.member) if archive else gzip.GzipFile(fileobj=file)
+                while target.tell() <= MAX_BYTES and (part := packed.read(1 << 22)):
+                    target.write(part)
+        except InputError:
+            raise
+        except Exception:  # each compression method raises its own errors
+            what = f"{self.member} in the zip file" if self.member else "the gzip file"
+            raise InputError(f"{self.name}: {what} is damaged or cut off") from None
 
 
 def is_many(path: Path) -> bool:
@@ -71,19 +86,19 @@ def is_many(path: Path) -> bool:
 
 def exists(path: Path) -> bool:
     """Return whether the file or folder exists, or any file matches the pattern."""
-    return path.exists() or (glob.has_magic(str(path)) and any(glob.iglob(str(path))))
+    return path.exists() or any(glob.iglob(str(path)))
 
 
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     """List the files that a file, zip file, folder or pattern names, without those `besides`."""
+    name = _shown(path)
     if is_many(path):
         root = path if path.is_dir() else folder_of(path)
         files = _files(path, {b.absolute() for b in besides})
         return [Source(_shown(f), f, PurePath(_shown(f.relative_to(root)))) for f in files]
-    name = _shown(path)
     if format_of(path) != "zip":
         return [Source(name, path, PurePath(path.name))]
-    packed = members(path, name)
+    packed = _members(path, name)
     shown = [f"{name}/{member}" if len(packed) > 1 else name for member in packed]
     return [Source(s, path, PurePosixPath(m), m) for s, m in zip(shown, packed, strict=True)]
 
@@ -114,48 +129,32 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     """List the files of a folder or pattern in natural order; those of a folder are of one kind."""
     from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
+    ignored = _COMPANIONS | _NOT_RECORDINGS if path.is_dir() else _COMPANIONS
     try:
-        candidates = _candidates(path)
+        found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
+        files = [
+            f
+            for f in found
+            if (
+                f.is_file() or (f.is_symlink() and not f.is_dir())
+            )  # the reader reports a dead link
+            and not f.name.startswith((".", "~$"))
+            and f.suffix.lower() not in ignored
+            and f.absolute() not in excluded
+            and not may_be_artifact(f)
+        ]
     except PermissionError:
         raise InputError(f"{path}: no permission to open the folder") from None
-    files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
-    if path.is_dir():
-        files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
-        refuse_kinds(files, str(path))
     if not files:
         what = "holds no recording" if path.is_dir() else "no file matches this pattern"
         raise InputError(f"{path}: {what}")
-    return sorted(files, key=lambda f: natural(f.as_posix()))
+    if path.is_dir():
+        _refuse_kinds(files, str(path))
+    return sorted(files, key=lambda f: _natural(f.as_posix()))
 
 
-def _candidates(path: Path) -> list[Path]:
-    """List the files of a folder or pattern that may be recordings."""
-    found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
-    return [
-        f
-        for f in found
-        if (f.is_file() or (f.is_symlink() and not f.is_dir()))  # the reader reports a dead link
-        and not f.name.startswith((".", "~$"))
-        and f.suffix.lower() not in _COMPANIONS
-    ]
-
-
-# --- bytes ----------------------------------------------------------------------------------------
-
-
-def format_of(path: Path) -> str:
-    """Return the format of a file, from its bytes: "text", "parquet", "gzip", "zip", "lvm", ..."""
-    with opened(path) as file:
-        head = file.read(1024)
-    form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "")
-    if form == "zip":
-        data = path.read_bytes()  # also of a damaged archive
-        return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
-    return form or "text"
-
-
-def members(path: Path, shown: str) -> list[str]:
-    """Return the names of the files in a zip file in natural order; InputError if it is refused."""
+def _members(path: Path, shown: str) -> list[str]:
+    """Return the names of the files in a zip file in natural order; they are of one kind."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = [e.filename for e in archive.infolist() if not e.is_dir()]
@@ -164,11 +163,11 @@ def members(path: Path, shown: str) -> list[str]:
     own = [n for n in names if PurePosixPath(n).name[0] != "." and not n.startswith("__MACOSX/")]
     if not own:
         raise InputError(f"{shown}: the zip file is empty")
-    refuse_kinds([PurePosixPath(name) for name in own], shown)
-    return sorted(own, key=natural)
+    _refuse_kinds([PurePosixPath(name) for name in own], shown)
+    return sorted(own, key=_natural)
 
 
-def refuse_kinds(files: Sequence[PurePath], place: str) -> None:
+def _refuse_kinds(files: Sequence[PurePath], place: str) -> None:
     """Refuse files that are too many, or of several kinds."""
     endings = ("".join(f.suffixes[-2:]) if f.suffix == ".gz" else f.suffix for f in files)
     kinds = Counter(ending.lower() for ending in endings)
@@ -182,31 +181,24 @@ def refuse_kinds(files: Sequence[PurePath], place: str) -> None:
         raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")
 
 
-def natural(name: str) -> tuple[tuple[int, str], ...]:
+def _natural(name: str) -> tuple[tuple[int, str], ...]:
     """Return a sort key that puts run2 before run10."""
     parts = re.split(r"([0-9]{1,18})", name)  # int() sees digits only
     return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
-def unpack(path: Path, out: Path, shown: str, member: str = "") -> None:
-    """Unpack a gzip file, or a file in a zip file, in parts and up to a limit."""
-    written = 0
-    try:
-        with opened(path) as file, out.open("wb") as target, _stream(file, member) as stream:
-            while written <= MAX_BYTES and (part := stream.read(1 << 22)):
-                written += target.write(part)
-    except InputError:
-        raise
-    except Exception:  # each compression method raises its own errors
-        what = f"{member} in the zip file cannot be unpacked" if member else "the gzip file is"
-        raise InputError(f"{shown}: {what} damaged or cut off") from None
-    if written > MAX_BYTES:
-        raise InputError(f"{shown}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
+# --- bytes ----------------------------------------------------------------------------------------
 
 
-def _stream(file: IO[bytes], member: str) -> IO[bytes]:
-    """Open what is packed in a zip file or by gzip."""
-    return zipfile.ZipFile(file).open(member) if member else cast(IO[bytes], gzip.open(file))
+def format_of(path: Path) -> str:
+    """Return the format of a file, from its bytes: "text", "parquet", "gzip", "zip", "lvm", ..."""
+    with opened(path) as file:
+        head = file.read(1024)
+    form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "text")
+    if form == "zip":
+        data = path.read_bytes()  # also of a damaged archive
+        return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
+    return form
 
 
 def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:

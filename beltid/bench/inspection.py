@@ -62,7 +62,7 @@ def inspect_recording(
     first = next(iter(benches.values()))
     tables = tables_in(sources[0], first)
     first.problems.raise_if_any()
-    channels = channels_of(tables)
+    channels = [channel for table in tables for channel in channels_of([table])]
     if not kind:
         are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
         kind = "rig" if are_plateaus else bench_of(channels, [*benches.values()])[0]

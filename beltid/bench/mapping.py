@@ -18,13 +18,12 @@ import pandas as pd
 
 from beltid.bench.names import (
     IN_NAME,
+    POSITION,
     is_unit,
     roles_meant,
     simplified,
     span_of,
-    unit_in_name,
-    without_position,
-    without_unit,
+    split_unit,
 )
 from beltid.bench.numbers import NumberSigns, written_as
 from beltid.bench.raw import Field, Raw, first_texts
@@ -53,18 +52,17 @@ _IN_RPM: Final = re.compile(
     re.IGNORECASE,
 )
 """Names of speeds in turns per minute."""
+_DIGITS: Final = "0123456789 "
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
-
-
-def _ending(unit: str) -> str:
-    return "_" + re.sub(r"[ /]", "_", unit)
-
-
+_NUMBER_AND_UNIT: Final = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
 OTHER_UNITS: Final = {
-    column.name.removesuffix(_ending(column.unit)) + _ending(unit): (column.name, unit)
+    column.name.removesuffix(re.sub("[ /]", "_", column.unit)) + re.sub("[ /]", "_", unit): (
+        column.name,
+        unit,
+    )
     for kind in schemas.RECORDINGS
     for column in schemas.table(kind).columns
-    if column.name.endswith(_ending(column.unit))
+    if column.name.endswith("_" + re.sub("[ /]", "_", column.unit))
     for unit in CONVERSIONS.get(column.unit, {})
     if unit != column.unit
 }
@@ -132,46 +130,44 @@ class Channel:
         return written_as(first_texts(self.values))
 
     @property
-    def unit_cell(self) -> str:
-        """Unit that the file states besides the name."""
-        return self.raw.units.get(self.key, "")
-
-    @property
     def base(self) -> str:
         """Name without its group, and the position among channels of the same name."""
-        return without_position(self.key)
+        return POSITION.sub("", self.key)
 
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
-        exact = (self.name, f"{self.raw.name}/{self.key}")
-        bare = (without_unit(self.key), without_unit(self.base))
-        return exact, (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
+        exact, bare = (self.name, f"{self.raw.name}/{self.key}"), split_unit(self.base)[0]
+        ours = OTHER_UNITS.get(self.base, ("",))[:1]
+        return exact, (self.base,), (split_unit(self.key)[0], bare), ours
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """Units that the file states at the end of the name, and besides it."""
+        of_name = split_unit(self.key)[1] or OTHER_UNITS.get(self.base, ("", ""))[1]
+        return of_name, self.raw.units.get(self.key, "")
 
     @property
     def shown(self) -> str:
         """Name and unit, for messages."""
-        unit = self.unit_cell.strip("[](){}<> ")
-        return f"{self.name} [{unit}]" if unit and not unit_in_name(self.key) else self.name
-
-    @property
-    def unit_of_name(self) -> str:
-        """Unit at the end of the name."""
-        return unit_in_name(self.key) or OTHER_UNITS.get(self.base, ("", ""))[1]
+        unit = self.units[1].strip("[](){}<> ")
+        return f"{self.name} [{unit}]" if unit and not split_unit(self.key)[1] else self.name
 
     @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
-        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
+        of_name, beside = self.units
+        unitless = canonical_unit(beside) in NO_UNIT and not of_name
         return unitless and bool(_IN_RPM.search(self.key))
 
     @property
     def unit(self) -> str:
         """Unit as written in the file, in a cell or in the name; "" if there is none."""
-        if canonical_unit(self.unit_cell) not in NO_UNIT:
-            return self.unit_cell
+        of_name, beside = self.units
+        if canonical_unit(beside) not in NO_UNIT:
+            return beside
         unknown = IN_NAME.search(self.key)
-        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        by_name = of_name or ("rpm" if self.is_in_rpm_by_name else beside)
         return by_name or (unknown[1].strip() if unknown else "")
 
 
@@ -199,36 +195,28 @@ class Found:
 
 
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
-    """Return the channels of the tables of a file, each by its own name."""
-    return [Channel(raw, str(name), str(name)) for raw in raws for name in raw.frame if name]
-
-
-def in_groups(channels: Sequence[Channel]) -> list[Channel]:
-    """Return channels of one recording: those of the same name by the names of their groups."""
-    counts = Counter(c.name for c in channels)
+    """Return the channels of tables; those of the same name by the names of their groups."""
+    names = [(raw, str(name)) for raw in raws for name in raw.frame if name]
+    counts = Counter(name for _, name in names)
     return [
-        replace(c, name=f"{c.raw.name}/{c.name}") if counts[c.name] > 1 else c for c in channels
+        Channel(raw, name, f"{raw.name}/{name}" if counts[name] > 1 else name)
+        for raw, name in names
     ]
 
 
 def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[Channel]:
     """Return the fields of a header as channels: a field is a column of one row."""
     channels = []
-    for entry in map(_with_unit_apart, dict.fromkeys(fields)):
-        signs = NumberSigns.of([entry.text], dialect.decimal, dialect.thousands)
-        frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
-        raw = Raw("", frame, units={entry.name: entry.unit}, signs=signs)
-        channels.append(Channel(raw, entry.name, entry.name, "header field"))
+    for entry in dict.fromkeys(fields):
+        (name, unit), text = split_unit(entry.name), entry.text
+        unit, number = entry.unit or unit, _NUMBER_AND_UNIT.match(text)
+        if not unit and number and is_unit(number[2]):
+            text, unit = number[1], number[2].strip()
+        signs = NumberSigns.of([text], dialect.decimal, dialect.thousands)
+        frame = pd.DataFrame({name: pd.array([text], dtype="str")})
+        raw = Raw("", frame, units={name: unit}, signs=signs)
+        channels.append(Channel(raw, name, name, "header field"))
     return channels
-
-
-def _with_unit_apart(entry: Field) -> Field:
-    """Return a field without the unit in its name or after its number."""
-    name, unit = without_unit(entry.name), entry.unit or unit_in_name(entry.name)
-    number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", entry.text)
-    if not unit and number and is_unit(number[2]):
-        return Field(name, number[1], number[2].strip())
-    return Field(name, entry.text, unit)
 
 
 def lacking(table: Table, has: Collection[str]) -> list[str]:
@@ -262,8 +250,9 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
         if len(fit) == 1 and column.name in sensors:
+            alike = simplified(fit[0].base).rstrip(_DIGITS)
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
-            fit += [c for c in others if _without_number(c) == _without_number(fit[0])]
+            fit += [c for c in others if simplified(c.base).rstrip(_DIGITS) == alike]
         if fit:
             found[column.name] = [Found(column.name, c, "recognised") for c in fit]
     return {column.name: found[column.name] for column in columns if column.name in found}
@@ -275,10 +264,6 @@ def _can_be(channel: Channel, column: Column) -> bool:
         return channel.written == "clock" and column.name == "time_s"
     is_raw = canonical_unit(channel.unit) in RAW and column.name not in schemas.SETTINGS
     return not channel.unit or is_raw or conversion(channel.unit, column.unit) is not None
-
-
-def _without_number(channel: Channel) -> str:
-    return simplified(channel.base).rstrip("0123456789 ")
 
 
 def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
@@ -306,8 +291,10 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
     if column.dtype == "string" or match.is_clock:
         return replace(match, stated=match.is_clock)
     by = _conversion(column, match, needs)
-    if isinstance(by, str):
-        needs.problems.add(f"{place}: {by}" if place else by)
+    if isinstance(by, tuple):
+        what, *units = by
+        say = needs.say("units", column.name, *units)
+        needs.problems.add(f"{place}: {match.shown} {what}: state {say}".removeprefix(": "))
     known = by if isinstance(by, Conversion) else Conversion(1.0)
     signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
     return replace(match, by=signed, stated=isinstance(by, Conversion))
@@ -327,54 +314,45 @@ def _ambiguous(matches: Sequence[Found], needs: Needs) -> str:
     return text
 
 
-def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str | None:
-    """Return the conversion of a channel; a text asks what is unclear; None: no unit is stated."""
-    channel, unit, ours = found.channel, found.channel.unit, column.unit
-    plain, stated = canonical_unit(unit), needs.units.get(column.name)
-    recognised = found.how == "recognised" and channel.key != column.name
-
-    def ask(what: str, *units: str) -> str:
-        return f"{found.shown} {what}: state {needs.say('units', column.name, *units)}"
-
-    if canonical_unit(str(stated)) == "rad/s" and channel.is_in_rpm_by_name:
-        return ask("is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}")
-    setting: Calibration | Conversion | None = None
+def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:
+    """Return the conversion of a channel; what is unclear and its answers; None: no unit stated."""
+    channel, ours = found.channel, column.unit
+    unit, stated = channel.unit, needs.units.get(column.name)
+    plain, by = canonical_unit(unit), conversion(unit, ours)
     if isinstance(stated, str):
-        setting = calibration(stated, ours) or conversion(stated, ours)
-    elif stated is not None:
-        setting = Calibration(stated["factor"], stated["offset"])
-    if isinstance(setting, Calibration):
-        wrong = f"is in {unit}, but the calibration of the config is for {setting.per}"
-        return setting.conversion(unit) or f"{found.shown} {wrong}"
-    if setting is not None:
-        return setting
-    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
-    ending = channel.key.rpartition("_")[2] if channel.key != column.name else ""
+        of = calibration(stated, ours)
+        if of is None and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
+            return "is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}"
+    else:
+        of = Calibration(stated["factor"], stated["offset"]) if stated else None
+    if of is not None:
+        wrong = f"is in {unit}, but the calibration of the config is for {of.per}"
+        return of.conversion(unit) or (wrong, "{factor: ..., offset: ...}")
+    if isinstance(stated, str):
+        return conversion(stated, ours)
+    both = [canonical_unit(u) for u in channel.units if conversion(u, ours)]
     if len({conversion(u, ours) for u in both}) > 1:
-        first, second = map(canonical_unit, both)
-        return ask(f"is in {first} by its name and in {second} by its unit", first, second)
+        return f"is in {both[0]} by its name and in {both[1]} by its unit", *both
     if scaling := channel.raw.scaling.get(channel.key):
         what = f"holds whole numbers, but the file states {scaling}, which was not applied"
-        return ask(what, "{factor: ..., offset: ...}", ours)
+        return what, "{factor: ..., offset: ...}", ours
     if plain in ("", "-"):
-        if recognised:
-            return ask("has no unit", ours, *(["rpm"] if ours == "rad/s" else []))
-        if conversion(ending, ours) in (None, Conversion(1.0)):
-            return None
-        return ask(f"may be in {ending} by its name", ending, ours)
+        ending = channel.key.rpartition("_")[2]
+        if found.how == "recognised":
+            return "has no unit", ours, *(["rpm"] if ours == "rad/s" else [])
+        is_other = conversion(ending, ours) not in (None, Conversion(1.0))
+        return (f"may be in {ending} by its name", ending, ours) if is_other else None
     if plain in RAW:
-        per = "mV" if plain == "mV" else "V"
-        return ask(
-            f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250, offset: 0}"
-        )
+        per = f"250 {ours}/{'mV' if plain == 'mV' else 'V'}"
+        return f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"
     if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND:
-        return ask(f"is in {unit}, turns or radians", "rev/s", "rad/s")
+        return f"is in {unit}, turns or radians", "rev/s", "rad/s"
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
-        return ask(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}")
-    if conversion(unit, ours) is None and plain != "1":
+        return f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"
+    if by is None and plain != "1":
         allowed = ", ".join(CONVERSIONS.get(ours, {}))
-        return ask(f"is in {unit}, must be one of {allowed}", "{factor: ..., offset: 0}")
-    return conversion(unit, ours)
+        return f"is in {unit}, must be one of {allowed}", "{factor: ..., offset: 0}"
+    return by
 
 
 def refuse_missing(
@@ -389,7 +367,6 @@ def refuse_missing(
     `elsewhere` lists our columns that are stated outside of the columns.
     """
     table, names = needs.table, needs.names
-    used = {match.channel.name for match in found.values()}
     has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
     missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
@@ -406,24 +383,24 @@ def refuse_missing(
         f"{names[role]} (which the config names for {role})" if role in names else role
         for role in missing
     ] or [f"of {table.command}"]
-    text = f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)}"
-    text += " are missing" if len(shown) > 1 else " is missing"
+    are = ("column", "is") if len(shown) == 1 else ("columns", "are")
+    text = f"{place}: {are[0]} {', '.join(shown)} {are[1]} missing"
+    used = {match.channel.name for match in found.values()}
     free = [c.name for c in channels if c.name not in used]
-    close = [
-        (role, name)
+    close = {
+        role: name
         for role in missing
         for name in difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6)
-    ]
-    if missing and {*missing} <= {*schemas.NOMINAL} and not close:
-        role = missing[0]
+    }
+    role = next(iter({**close, **dict.fromkeys(missing)}), "mu")
+    if missing and not close and {*missing} <= {*schemas.NOMINAL}:
         how = f"runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}}"
         text += (
             f'; state it in {how} for all runs, by pattern: "{{run}}_{{{role}}}.csv" of the file '
             "names, or by table: runs.csv with a row per file"
         )
-    role, name = next(iter(close), (next(iter(missing), "mu"), "its name in the file"))
     held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
-    say = needs.say("columns", role, f'"{name}"')
+    say = needs.say("columns", role, f'"{close.get(role, "its name in the file")}"')
     needs.problems.add(f"{text}; not yet read: {held}; if it has another name, state it: {say}")
 
 

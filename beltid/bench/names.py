@@ -8,7 +8,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit, is_known_unit
@@ -34,18 +34,13 @@ def is_unit(text: str) -> bool:
     return known or bool(_CLOCK_FORM.fullmatch(text.strip("[]() ")))
 
 
-def unit_in_name(name: str) -> str:
-    """Extract the unit from a name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; "" if none."""
+def split_unit(name: str) -> tuple[str, str]:
+    """Split a name from the unit at its end: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``."""
     match = (IN_NAME.search(name) or _AFTER_NAME.search(name)) if len(name) <= 300 else None
     unit = match[1].strip() if match else ""
-    return unit if unit and is_unit(unit) else ""
-
-
-def without_unit(name: str) -> str:
-    """Remove the unit from the name of a channel."""
-    if not unit_in_name(name):
-        return name.strip()
-    return (IN_NAME if IN_NAME.search(name) else _AFTER_NAME).sub("", name).strip()
+    if match is None or not unit or not is_unit(unit):
+        return name.strip(), ""
+    return name[: match.start()].strip(), unit
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
@@ -54,15 +49,11 @@ def distinct_names(names: Sequence[str]) -> list[str]:
     distinct = []
     for name in names:
         positions[name] += 1
-        bare = without_unit(name) if name and counts[name] > 1 else name
-        mark = f" #{positions[name]}" if name and counts[name] > 1 else ""
-        distinct.append(f"{bare}{mark}{name[len(bare) :]}")
+        if name and counts[name] > 1:
+            bare = split_unit(name)[0]
+            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
+        distinct.append(name)
     return distinct
-
-
-def without_position(name: str) -> str:
-    """Remove the number that `distinct_names` added."""
-    return POSITION.sub("", name)
 
 
 def side_by_side(names: Sequence[str]) -> list[list[str]]:
@@ -71,9 +62,8 @@ def side_by_side(names: Sequence[str]) -> list[list[str]]:
     All have the same names in the same order; a name that occurs once belongs to all.
     """
     repeated: dict[str, list[str]] = {}
-    for name in names:
-        if POSITION.search(name):
-            repeated.setdefault(without_position(name), []).append(name)
+    for name in filter(POSITION.search, names):
+        repeated.setdefault(POSITION.sub("", name), []).append(name)
     counts = {len(alike) for alike in repeated.values()}
     if len(repeated) < 2 or len(counts) != 1 or counts == {1}:
         return []
@@ -81,53 +71,43 @@ def side_by_side(names: Sequence[str]) -> list[list[str]]:
     return [[*shared, *part] for part in zip(*repeated.values(), strict=True)]
 
 
-class Words(NamedTuple):
-    """Words that identify a channel, and words that may be added to them."""
-
-    keys: tuple[re.Pattern[str], ...]
-    fillers: frozenset[str]
-
-    def mean(self, name: str) -> bool:
-        """Return whether a simplified name is a key with fillers only around it."""
-        rests = (key.sub(" ", name, count=1) for key in self.keys if key.search(name))
-        return any(self.fillers.issuperset(rest.split()) for rest in rests)
-
-
 @functools.cache
-def _vocabulary() -> dict[str, Words]:
-    """Return the words of each of our columns."""
+def _vocabulary() -> dict[str, tuple[list[re.Pattern[str]], set[str]]]:
+    """Return the words that identify each of our columns, and those that may be added."""
     text = (Path(__file__).parent / "vocabulary.txt").read_text(encoding="utf-8")
-    entries = re.sub(r"\n +", " ", re.sub(r"#.*\n", "", text)).splitlines()
-    words: dict[str, Words] = {}
-    for role, _, rest in (entry.partition(": ") for entry in entries):
+    words: dict[str, tuple[list[re.Pattern[str]], set[str]]] = {}
+    for entry in re.sub(r"\n +", " ", re.sub(r"#.*\n", "", text)).splitlines():
+        role, _, rest = entry.partition(": ")
         keys, _, added = rest.partition(" / ")
         fillers = {f for f in added.split() if f[0] != "@"}
-        fillers.update(*(words[f[1:]].fillers for f in added.split() if f[0] == "@"))
-        patterns = tuple(re.compile(rf"\b{re.escape(key)}\b") for key in keys.split(", "))
-        words[role] = Words(patterns, frozenset(fillers))
+        fillers.update(*(words[f[1:]][1] for f in added.split() if f[0] == "@"))
+        words[role] = [re.compile(rf"\b{re.escape(key)}\b") for key in keys.split(", ")], fillers
     return words
 
 
 def simplified(name: str) -> str:
     """Reduce a channel's name to lower-case words without brackets, unit, accents and signs."""
-    bare = IN_NAME.sub("", without_unit(name)) or name
+    bare = IN_NAME.sub("", split_unit(name)[0]) or name
     low = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", bare).lower().translate(_UMLAUTS)
     plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
-    words = " ".join(re.findall(r"[a-z0-9]+", POSITION.sub("", plain)))
-    return _CHANNEL.sub("", words)
+    return _CHANNEL.sub("", " ".join(re.findall(r"[a-z0-9]+", POSITION.sub("", plain))))
 
 
 @functools.lru_cache(256)  # files of one bench have the same few names
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
-    """Return our columns of a kind of recording that a channel's name can mean."""
+    """Return our columns that a channel's name can mean: a key with fillers only around it."""
     plain, columns = simplified(name), (*schemas.table(kind).names, "file")
-    words = _vocabulary()
-    return tuple(r for r in words if r in columns and plain and words[r].mean(plain))
+    roles = []
+    for role, (keys, fillers) in _vocabulary().items():
+        rests = (key.sub(" ", plain, count=1) for key in keys if key.search(plain))
+        if role in columns and any(fillers.issuperset(rest.split()) for rest in rests):
+            roles.append(role)
+    return tuple(roles)
 
 
 def span_of(name: str) -> str:
     """Return the span that a channel's name tells: "tight", "slack" or ""."""
     plain, words = simplified(name), _vocabulary()
-    spans = ("tight", "slack")
-    told = [s for s in spans if any(key.search(plain) for key in words[f"tension_{s}_N"].keys)]
+    keys = {span: words[f"tension_{span}_N"][0] for span in ("tight", "slack")}
+    told = [span for span, of in keys.items() if any(key.search(plain) for key in of)]
     return told[0] if len(told) == 1 else ""

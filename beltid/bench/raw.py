@@ -53,10 +53,6 @@ class Raw:
     notes: tuple[str, ...] = ()  # what was detected or left out
     problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
-    def bare(self) -> Raw:
-        """Return the table without its rows."""
-        return replace(self, frame=self.frame.head(0).copy())
-
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
         if len(self.lines):
@@ -96,7 +92,7 @@ def tables_of(
     left_out = [*notes]
     for channel in channels:
         values, times = np.asarray(channel.values), channel.times
-        if values.ndim != 1 or values.dtype.kind not in "biufOSU":
+        if values.ndim != 1 or values.dtype.kind not in "biufOSUM":
             left_out.append(f"channel {channel.name} left out: no plain numbers")
         elif values.size:
             key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
@@ -117,11 +113,17 @@ def column_of(values: np.ndarray) -> Any:
         return values.astype(float)
     if values.dtype.kind == "b":
         return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
-    texts = [
-        (v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v)).strip("\0 ") or None
-        for v in values.tolist()
-    ]
+    if values.dtype.kind == "M":
+        values = np.datetime_as_string(values, unit="us")
+    texts = [str(plain(value)).strip("\0 ") or None for value in values.tolist()]
     return pd.array(texts, dtype="str")
+
+
+def plain(value: Any) -> Any:
+    """Return a value of one element as an object of Python, bytes as text."""
+    value = np.ravel(value)[0] if np.size(value) == 1 and not isinstance(value, str) else value
+    value = value.item() if hasattr(value, "item") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def is_text(values: pd.Series) -> bool:
@@ -134,16 +136,22 @@ def first_texts(values: pd.Series) -> list[str]:
     return [v for v in values.iloc[:200] if isinstance(v, str)] if is_text(values) else []
 
 
-def unapplied_scaling(values: np.ndarray, properties: Mapping[str, Any]) -> str:
-    """List the properties that scale whole numbers, such as ``slope = 0.02``; else ""."""
+def written(
+    name: str, values: Any, about: Mapping[str, Any], times: np.ndarray | None = None
+) -> Written:
+    """Return a channel with its unit and the scaling of its whole numbers, as its properties say.
+
+    The scaling is text such as ``slope = 0.02``.
+    """
     found = []
-    for name, value in properties.items() if values.dtype.kind in "iu" else ():
-        neutral = SCALING.get(str(name).lower())
+    for word, value in about.items() if values.dtype.kind in "iu" else ():
+        neutral = SCALING.get(str(word).lower())
         if neutral is not None and np.size(value) == 1:
             number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
             if number == number and number != neutral:
-                found.append(f"{name} = {number:g}")
-    return ", ".join(found)
+                found.append(f"{word} = {number:g}")
+    unit = next((str(plain(about[p])) for p in UNITS if p in about), "")
+    return Written(name, values, unit, times, ", ".join(found))
 
 
 def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench import sheets, text, variables, waveforms
+from beltid.bench import cells, variables, waveforms
 from beltid.bench.columns import Part, Settings, read_part, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
@@ -32,7 +32,7 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
     "uff": waveforms.read_uff,
     "mat": variables.read_matlab,
     "hdf5": variables.read_hdf5,
-    "excel": sheets.read_excel,
+    "excel": cells.read_excel,
     "parquet": variables.read_parquet,
 }
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
@@ -119,7 +119,7 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(text.read(file, source.name, dialect))
+                return list(cells.read_text(file, source.name, dialect))
             if form == "lvm":
                 return list(waveforms.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))

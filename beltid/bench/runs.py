@@ -14,10 +14,10 @@ import pandas as pd
 
 from beltid.bench.columns import Part
 from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
-from beltid.bench.names import roles_meant, side_by_side, without_position
+from beltid.bench.names import POSITION, roles_meant, side_by_side
 from beltid.bench.raw import Raw
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
 
 RESTART: Final = 0.05
@@ -66,7 +66,7 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     stem = raw.name or PurePath(raw.place).stem
     for count, names in enumerate(side_by_side([*raw.frame]), start=1):
         frame = raw.frame[names].dropna(how="all")
-        bare = {name: without_position(name) for name in names}
+        bare = {name: POSITION.sub("", name) for name in names}
         units = {bare[n]: u for n, u in raw.units.items() if n in bare}
         lines = [raw.lines[row] for row in frame.index] if len(raw.lines) else ()
         frame = frame.rename(columns=bare).reset_index(drop=True)
@@ -107,11 +107,12 @@ def joined(
             notes.setdefault(note, []).append(place)
     problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
-    starts = np.cumsum([0, *map(len, parts)])[:-1]
+    ends = np.cumsum([*map(len, parts)])
 
     def place_of(sample: int) -> tuple[str, int]:
-        k = int(np.searchsorted(starts, sample, side="right")) - 1
-        where, line = parts[k].at(sample - int(starts[k]))
+        """Return the place of a sample in its part."""
+        k = int(np.searchsorted(ends, sample, side="right"))
+        where, line = parts[k].at(sample - int(ends[k]) + len(parts[k]))
         return where, line if len(parts) == 1 else sample + 1
 
     shown = []
@@ -119,23 +120,13 @@ def joined(
         more = f" and {len(places) - 1} more" if len(places) > 1 else ""
         shown.append(note if len(places) == len(parts) else f"{places[0]}{more}: {note}")
     stated_units = [{r for r, f in part.found.items() if f.stated} for part in parts]
-    return _together(parts, table), place_of, shown, set.intersection(*stated_units)
-
-
-def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
-    """Concatenate the columns; of those that no part has, only texts of runs are left out."""
-    present, lengths = {name for part in parts for name in part.columns}, [len(p) for p in parts]
-    columns = {}
+    present, columns = {name for part in parts for name in part.columns}, dict[str, np.ndarray]()
     for column in table.columns:
-        if column.name in RUN_TEXTS and column.name not in present:
-            continue
-        missing, kind = (None, object) if column.dtype == "string" else (np.nan, float)
-        pieces = [
-            p.columns.pop(column.name) if column.name in p.columns else np.full(n, missing, kind)
-            for p, n in zip(parts, lengths, strict=True)
-        ]
-        columns[column.name] = pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
-    return columns
+        if column.name in present or column.name not in RUN_TEXTS:
+            missing = np.array([None if column.dtype == "string" else np.nan])
+            pieces = [p.columns.get(column.name, missing.repeat(len(p))) for p in parts]
+            columns[column.name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
+    return columns, place_of, shown, set.intersection(*stated_units)
 
 
 def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
@@ -202,14 +193,14 @@ class Checker:
 
         The unit of columns in `units_stated` is not questioned.
         """
-        missing = np.flatnonzero(self.codes < 0)
-        self._report(missing, lambda i: f"{self.table.label} is empty, it must label the recording")
+        empty = f"{self.table.label} is empty, it must label the recording"
+        self._report(self.codes < 0, lambda i: empty)
         present = [column for column in self.table.columns if column.name in self.columns]
         for column in present:
             if column.choices:
                 self._choices(column)
-        if self.timed:
-            self._settings()
+            if self.timed and column.name in (*NOMINAL, *RUN_TEXTS):
+                self._setting(column.name)
         notes: list[str] = []
         for column in present:
             if column.dtype == "float64":
@@ -222,27 +213,25 @@ class Checker:
                     self._compare_runs(column)
         return notes
 
-    def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
-        self.problems.add_alike(rows, text, self.place)
+    def _report(self, wrong: np.ndarray, text: Callable[[int], str]) -> None:
+        """Report the samples of a mask."""
+        self.problems.add_alike(np.flatnonzero(wrong), text, self.place)
 
     def _doubts_unit(self, column: Column) -> bool:
         """Report a column whose numbers are about a thousand times too small or large."""
         # a few samples of a sensor, most likely of a belt at rest, do not show its unit
-        few = self.timed and len(self.columns["time_s"]) < MIN_SAMPLES
+        few = self.timed and len(self.codes) < MIN_SAMPLES and column.name not in NOMINAL
         values = self.columns[column.name]
-        guess = other_unit(column, self.table.kind, values)
-        if not guess or (few and column.name not in NOMINAL):
-            return False
-        self._report_unit(self.name, column, values, f"if it is in {guess}, say so", guess)
-        return True
+        guess = "" if few else other_unit(column, self.table.kind, values)
+        if guess:
+            self._report_unit(self.name, column, values, f"if it is in {guess}, say so", guess)
+        return bool(guess)
 
     def _compare_runs(self, column: Column) -> None:
         """Report runs whose numbers are in another unit than those of the others."""
         values, idle = self.columns[column.name], self.columns.get("idle")
-        runs = pd.Series(values).groupby(self.codes)
-        size = (runs.max() - runs.min()) / 2
-        if column.unit == "N":
-            size = pd.Series(np.abs(values)).groupby(self.codes).max()
+        runs = pd.Series(np.abs(values) if column.unit == "N" else values).groupby(self.codes)
+        size = runs.max() if column.unit == "N" else (runs.max() - runs.min()) / 2
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
             rows = runs.indices[run]
             guess = other_unit(column, self.table.kind, values[rows])
@@ -259,29 +248,27 @@ class Checker:
         say = self.needs.say("units", column.name, unit)
         self.problems.add(f"{place}: {column.name} {span}, {why}: {say}")
 
-    def _settings(self) -> None:
-        """Fill in settings that only some rows of a run state; report those that change in it."""
-        codes = self.codes
-        for name in [name for name in (*NOMINAL, *RUN_TEXTS) if name in self.columns]:
-            values = self.columns[name]
-            first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
-            stated = ~absent(values) & (codes >= 0)
-            differ = (values != first) & stated
-            if values.dtype != object:
-                differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
-            rows = pd.Series(codes[differ], np.flatnonzero(differ)).drop_duplicates().index
-            said = {
-                row: f"{name} = {shown_value(values[row])}, must stay {shown_value(first[row])} "
-                f"within {self.table.label} {self.label[row]} (is the label used twice?)"
-                for row in rows
-            }
-            self._report(rows.to_numpy(), said.__getitem__)
-            if not stated.all():
-                self.columns[name] = np.where(stated | (codes < 0), values, first)
+    def _setting(self, name: str) -> None:
+        """Fill in a setting that only some rows of a run state; report it if it changes there."""
+        codes, values = self.codes, self.columns[name]
+        first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
+        stated = ~absent(values) & (codes >= 0)
+        differ = (values != first) & stated
+        if values.dtype != object:
+            differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
+        changes = pd.Series(codes).where(differ)
+        self._report(
+            (changes.notna() & ~changes.duplicated()).to_numpy(),
+            lambda i: (
+                f"{name} = {shown_value(values[i])}, must stay {shown_value(first[i])} within "
+                f"{self.table.label} {self.label[i]} (is the label used twice?)"
+            ),
+        )
+        self.columns[name] = np.where(stated | (codes < 0), values, first)
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""
-        values = self.columns[column.name]
+        values, missing = self.columns[column.name], np.isnan(self.columns[column.name])
         negative = int((values < 0.0).sum())
         if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
             self.problems.add(
@@ -291,18 +278,16 @@ class Checker:
             )
             return []
         self._report(
-            np.flatnonzero(np.isinf(values) | outside(values, column)),
+            np.isinf(values) | outside(values, column),
             lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
         )
-        missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
-            told = absent(self.label[missing])
-            allowed = f"{column.name} is empty, must be {column.allowed}"
-            self._report(missing[~told], lambda i: allowed)
-        elif missing.size == values.size and column.required:
+            empty = f"{column.name} is empty, must be {column.allowed}"
+            self._report(missing & (self.codes >= 0), lambda i: empty)
+        elif missing.all() and column.required:
             self.problems.add(f"{self.name}: {column.name} holds no numbers")
-        elif 0 < missing.size < values.size:
-            return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
+        elif missing.any() and not missing.all():
+            return [f"{missing.sum()} of {values.size} samples of {column.name} are missing"]
         return []
 
     def _choices(self, column: Column) -> None:
@@ -310,19 +295,19 @@ class Checker:
         truths = TRUTHS if column.choices == ("true", "false") else {}
         values = self.columns[column.name]
         lower = {word: word and truths.get(word.lower(), word.lower()) for word in set(values)}
-        wrong = {word for word, low in lower.items() if low not in (None, *column.choices)}
-        rows = np.flatnonzero([word in wrong for word in values])
-        self._report(rows, lambda i: f"{column.name} = {values[i]}, must be {column.allowed}")
-        self.columns[column.name] = np.array([lower[word] for word in values], dtype=object)
+        right = np.array([lower[word] for word in values], dtype=object)
+        self._report(
+            np.array([word not in (None, *column.choices) for word in right]),
+            lambda i: f"{column.name} = {values[i]}, must be {column.allowed}",
+        )
+        self.columns[column.name] = right
 
     def _time(self) -> None:
         """Report times that go backwards within a run."""
-        time, codes = self.columns["time_s"], self.codes
-        order = np.argsort(codes, kind="stable")
-        back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0) & (codes[order][1:] >= 0)
-        before = dict(zip(order[1:][back].tolist(), time[order[:-1][back]].tolist(), strict=True))
+        time, codes = pd.Series(self.columns["time_s"]), self.codes
+        before = time.groupby(codes).shift()
         self._report(
-            np.sort(order[1:][back]),
+            (time < before).to_numpy() & (codes >= 0),
             lambda i: (
                 f"time_s = {time[i]:g} after {before[i]:g} in {self.table.label} {self.label[i]}, "
                 "must not go backwards (is the label used twice?)"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -16,23 +16,14 @@ import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import word_of
-from beltid.bench.raw import UNITS, Field, Raw, Written, tables_of, unapplied_scaling
+from beltid.bench.raw import UNITS, Field, Raw, Written, plain, tables_of, written
 from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
 
 LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
-LINK: Final = "is a link, which is not followed"
 
 
-class Variable(NamedTuple):
-    """A variable, and what its attributes say of it."""
-
-    value: Any
-    unit: str = ""
-    scaling: str = ""  # of whole numbers, not applied
-
-
-Variables = Mapping[str, "Variable | Variables"]
+Variables = Mapping[str, "Written | Variables"]
 
 
 def read_matlab(path: Path, place: str) -> Iterator[Raw]:
@@ -48,10 +39,10 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 def _struct(members: Mapping[str, Any]) -> Variables:
     """Return the members of a struct; one named units may hold those of the others."""
     units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
-    own = {name: value for name, value in members.items() if value is not units}
     return {
-        name: _struct(value) if isinstance(value, dict) else Variable(value, units.get(name, ""))
-        for name, value in own.items()
+        name: _struct(of) if isinstance(of, dict) else Written(name, of, units.get(name, ""))
+        for name, of in members.items()
+        if of is not units
     }
 
 
@@ -66,41 +57,34 @@ def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
 
 
 def _group(group: Any, place: str) -> Variables:
-    """Return the members of a group of HDF5, and its attributes."""
+    """Return the members of a group of HDF5, and its attributes, which may be settings."""
     import h5py
 
-    # plain HDF5 stores settings as attributes
     about = {n: v for n, v in group.attrs.items() if not n.startswith("MATLAB") and np.size(v) == 1}
-    members: dict[str, Any] = {name: Variable(_plain(value)) for name, value in about.items()}
+    members: dict[str, Any] = {name: Written(name, plain(value)) for name, value in about.items()}
     for name in (name for name in group if not name.startswith("#")):
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise InputError(f"{place}: {name} {LINK}")
+            raise InputError(f"{place}: {name} is a link, which is not followed")
         item = group[name]
-        members[name] = _group(item, place) if isinstance(item, h5py.Group) else _dataset(item)
+        is_group = isinstance(item, h5py.Group)
+        members[name] = _group(item, place) if is_group else _dataset(name, item)
     return members
 
 
-def _dataset(item: Any) -> Variable:
+def _dataset(name: str, item: Any) -> Written:
     """Return a dataset: numbers or texts; None for one in another file, and for any other."""
     import h5py
 
     about = dict(item.attrs)
     is_elsewhere = item.is_virtual or bool(item.external)
     if is_elsewhere or item.dtype == h5py.ref_dtype or about.get("MATLAB_empty", 0):
-        return Variable(None)
+        return Written(name, None)
     values = np.squeeze(np.asarray(item[()]))
     if about.get("MATLAB_class", b"") == b"char":
-        return Variable("".join(chr(code) for code in np.ravel(values)))
+        return Written(name, "".join(chr(code) for code in np.ravel(values)))
     if values.dtype.kind in "OS":
-        values = np.array([_plain(v) for v in np.ravel(values)], dtype=object)
-    unit = next((str(_plain(v)) for n, v in about.items() if n in UNITS), "")
-    return Variable(values, unit, unapplied_scaling(values, about))
-
-
-def _plain(value: Any) -> Any:
-    value = np.ravel(value)[0] if np.size(value) == 1 and not isinstance(value, str) else value
-    value = value.item() if hasattr(value, "item") else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+        values = np.array([plain(v) for v in np.ravel(values)], dtype=object)
+    return written(name, values, about)
 
 
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
@@ -127,15 +111,15 @@ def _of_struct(
     """Yield the table of a struct, then those of the structs in it."""
     fields, found, structs = [*above], list[Written](), dict[str, Variables]()
     for key, member in members.items():
-        if not isinstance(member, Variable):
+        if not isinstance(member, Written):
             structs[f"{name}.{key}" if name else key] = member
             continue
-        array = np.asarray(member.value)
+        array = np.asarray(member.values)
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
-        if array.size == 1 and array.dtype.kind in "biufOSU" and member.value is not None:
-            fields.append(Field(key, str(_plain(array)), member.unit))
+        if array.size == 1 and array.dtype.kind in "biufOSU" and member.values is not None:
+            fields.append(Field(key, str(plain(array)), member.unit))
         elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
-            found.append(Written(key, array, member.unit, scaling=member.scaling))
+            found.append(member)
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
     yield from tables_of(place, name, form, found, fields, left_out)
@@ -161,28 +145,29 @@ def table_of(table: pa.Table, place: str) -> Raw:
     """Return an Arrow table as written; a column that is neither numbers nor texts is left out."""
     columns, units, left_out = {}, {}, []
     for field, values in zip(table.schema, table.columns, strict=True):
-        kind = values.type
-        if field.name in columns:
-            raise InputError(f"{place}: column {field.name} occurs several times, must be once")
-        units[field.name] = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+        name, kind = field.name, values.type
+        if name in columns:
+            raise InputError(f"{place}: column {name} occurs several times, must be once")
+        if unit := (field.metadata or {}).get(b"unit", b"").decode(errors="replace"):
+            units[name] = unit
         if types.is_duration(kind):
             nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
-            columns[field.name], units[field.name] = nanoseconds / 1e9, "s"
-        elif types.is_null(kind) or types.is_decimal(kind) or _is_number(kind):
-            columns[field.name] = values.cast(pa.float64(), safe=False).to_numpy()
+            columns[name], units[name] = nanoseconds / 1e9, "s"
+        elif (
+            types.is_null(kind)
+            or types.is_decimal(kind)
+            or types.is_integer(kind)
+            or types.is_floating(kind)
+        ):
+            columns[name] = values.cast(pa.float64(), safe=False).to_numpy()
         elif (
             types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType)
         ):
-            left_out.append(f"column {field.name} holds {kind}, left out")
+            left_out.append(f"column {name} holds {kind}, left out")
         else:  # texts; times and true or false as texts
-            columns[field.name] = _texts(values, f"{place}: column {field.name}")
-    units = {name: unit for name, unit in units.items() if unit}
+            columns[name] = _texts(values, f"{place}: column {name}")
     frame = pd.DataFrame(columns, copy=False)
     return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(types.is_integer(kind) or types.is_floating(kind))
 
 
 def _texts(values: pa.ChunkedArray, place: str) -> Any:

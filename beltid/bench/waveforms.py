@@ -16,14 +16,13 @@ from beltid.bench.files import as_utf8
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.raw import (
     TIME,
-    UNITS,
     Field,
     Raw,
     Written,
     even_times,
     in_seconds,
     tables_of,
-    unapplied_scaling,
+    written,
 )
 from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
@@ -50,17 +49,13 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
     starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
     origin = np.datetime64(min(starts)) if starts else None
     for group in file.groups():
-        about = {**file.properties, **group.properties}.items()
-        fields = (Field(str(k), str(v)) for k, v in about if not k.startswith(("wf_", "NI_")))
+        said = {**file.properties, **group.properties}.items()
+        fields = (Field(str(k), str(v)) for k, v in said if not k.startswith(("wf_", "NI_")))
         found = list[Written]()
         for channel in group.channels():
-            values, properties = channel[:], channel.properties
-            unit = next((str(properties[p]) for p in UNITS if p in properties), "")
-            if values.dtype.kind == "M":
-                values, unit = np.datetime_as_string(values, unit="us"), ""
-            times = _waveform(properties, len(values), origin, place)
-            scaling = unapplied_scaling(values, properties)
-            found.append(Written(channel.name, values, unit, times, scaling))
+            values, about = channel[:], channel.properties
+            times = _waveform(about, len(values), origin, place)
+            found.append(written(channel.name, values, about, times))
         yield from tables_of(place, group.name, "NI TDMS", found, fields)
 
 
@@ -105,33 +100,28 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     """Read a universal file: its time records in datasets 58, as text or binary."""
     import pyuff
 
-    _refuse_uff(path.read_bytes(), place)
+    data = path.read_bytes()  # what the library would read wrong is refused
+    if not data.rstrip().endswith(b"-1"):
+        raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
+    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
+        if not re.match(rb"\s*[12]\s+2\b", head):
+            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
     file = pyuff.UFF(str(path))
     found, fields, left_out = list[Written](), list[Field](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         is_time = record.get("abscissa_spec_data_type") == 17
         if is_time and not np.iscomplexobj(record["data"]):
-            said = {k: str(v).strip() for k, v in record.items() if isinstance(v, str)}
+            said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
             said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
             found.append(_record(record, said, place))
-            fields += [
-                Field(f"ID line {i}", said[f"id{i}"]) for i in range(2, 6) if f"id{i}" in said
-            ]
+            lines = [i for i in range(2, 6) if f"id{i}" in said]
+            fields += [Field(f"ID line {i}", said[f"id{i}"]) for i in lines]
         else:
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
     if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
     yield from tables_of(place, "", "universal file (UFF 58)", found, fields, left_out)
-
-
-def _refuse_uff(data: bytes, place: str) -> None:
-    """Refuse what the library would read wrong: files that are cut off, numbers of no IEEE form."""
-    if not data.rstrip().endswith(b"-1"):
-        raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
-    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
-        if not re.match(rb"\s*[12]\s+2\b", head):
-            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
 
 
 def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
@@ -161,27 +151,26 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     sign = found[1] if found else "\t"
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
-    problems, parts, end = Problems(), list[list[tuple[Raw, float]]](), 0
+    problems, parts, end = Problems(), list[tuple[Raw, float]](), 0
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
-        rasters = _segment(lines, (at, end), own, place, problems)
-        start = _start(own)
-        if len(rasters) == 1 and parts and _continues(*parts[-1][-1], rasters[0], start):
-            parts[-1].append((rasters[0], start))
+        rasters, start = _segment(lines, (at, end), own, place, problems), _start(own)
+        whole = _continued(*parts[-1], rasters[0], start) if parts and len(rasters) == 1 else None
+        if whole is None:
+            parts += [(raster, start) for raster in rasters]
         else:
-            parts += [[(raster, start)] for raster in rasters]
+            parts[-1] = whole
         if problems.count > SHOWN:
             break
     problems.raise_if_any()
     if not parts:
         raise InputError(f"{place}: holds no samples, only a header")
-    for number, part in enumerate(parts, start=1):
+    for number, (raw, _) in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
-        whole = _concatenated([raw for raw, _ in part])
-        yield replace(whole, name=name, encoding=encoding, notes=tuple(notes))
+        yield replace(raw, name=name, encoding=encoding, notes=tuple(notes))
 
 
 def _header(lines: Sequence[Sequence[str]]) -> Header:
@@ -208,13 +197,8 @@ def _segment(
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
     cells = pd.DataFrame(rows, dtype="str").reindex(columns=range(len(names)))
-
-    def place_of(row: int) -> tuple[str, int]:
-        return f"{place}:{at + 2 + row}", at + 2 + row
-
-    columns = [
-        numbers_of(cells[i], signs, name, place_of, problems) for i, name in enumerate(names)
-    ]
+    own = Raw(place, cells, lines=range(at + 2, end + 1))
+    columns = [numbers_of(cells[i], signs, name, own.at, problems) for i, name in enumerate(names)]
     kind = _cell(header, "X_Columns").lower() or "one"
     pairs = [(0, i) for i in range(1, len(names))]
     if kind == "multi":
@@ -232,28 +216,28 @@ def _segment(
             )
         filled = np.flatnonzero(~np.isnan(columns[y]))
         length = int(filled[-1]) + 1 if filled.size else 0
-        written = None if kind == "no" else columns[x][:length]
-        times = _time(written, header, k, length, f"{place}, line {at + 1}") if length else None
-        unit = _cell(header, "Y_Unit_Label", k)
-        found.append(Written(names[y], columns[y][:length], unit, times))
-    form = "LabVIEW measurement (.lvm)"
+        listed = None if kind == "no" else columns[x][:length]
+        times = _time(listed, header, k, length, f"{place}, line {at + 1}") if length else None
+        found.append(
+            Written(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
+        )
     return [
-        replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
-        for raw in tables_of(place, "", form, found, fields)
+        replace(raw, lines=own.lines[: len(raw.frame)], header_line=at + 1)
+        for raw in tables_of(place, "", "LabVIEW measurement (.lvm)", found, fields)
     ]
 
 
 def _time(
-    written: np.ndarray | None, header: Header, k: int, n: int, place: str
+    listed: np.ndarray | None, header: Header, k: int, n: int, place: str
 ) -> np.ndarray | None:
-    """Return the times of a channel [s], as written or from its start and step."""
+    """Return the times of a channel [s], as listed or from its start and step."""
     if _cell(header, "X_Dimension", k).lower() not in ("", "time", "zeit"):
         return None
-    if written is None or np.isnan(written).all():
+    if listed is None or np.isnan(listed).all():
         cells = (_cell(header, key, k).replace(",", ".") for key in ("X0", "Delta_X"))
         start, step = pd.to_numeric(pd.Series([*cells]), errors="coerce").fillna(0.0)
-        written = even_times(start, step, n) if step > 0 else None
-    return None if written is None else in_seconds(written, _cell(header, "X_Unit_Label", k), place)
+        listed = even_times(start, step, n) if step > 0 else None
+    return None if listed is None else in_seconds(listed, _cell(header, "X_Unit_Label", k), place)
 
 
 def _start(header: Header) -> float:
@@ -263,29 +247,20 @@ def _start(header: Header) -> float:
     return float("nan") if pd.isna(start) else float(start.timestamp())
 
 
-def _continues(before: Raw, start: float, after: Raw, later: float) -> bool:
-    """Return whether a segment starts one time step after the end of the previous one."""
+def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw, float] | None:
+    """Join segments, and give the clock at time 0; None if the second is not one step behind.
+
+    The time goes on, or restarts in the second, whose clock then tells how late it is.
+    """
     if list(before.frame) != list(after.frame) or TIME not in after.frame or len(before.frame) < 2:
-        return False
+        return None
     a, b = (raw.frame[TIME].to_numpy() for raw in (before, after))
-    step = (a[-1] - a[0]) / (len(a) - 1)
-    gap = b[0] - a[-1] - step
-    return bool(
-        abs(gap) <= 0.5 * step or (start != later and abs(gap + later - start) <= 1.5 * step)
-    )
-
-
-def _concatenated(part: Sequence[Raw]) -> Raw:
-    """Join segments; where the time restarts in a segment, it is shifted behind the last one."""
-    frames = [part[0].frame]
-    for raw in part[1:]:
-        last, time = frames[-1][TIME].to_numpy(), raw.frame[TIME].to_numpy()
-        step = (last[-1] - last[0]) / max(len(last) - 1, 1)
-        gap = time[0] - last[-1] - step
-        shift = gap if abs(gap) > 0.5 * step else 0.0
-        frames.append(raw.frame.assign(**{TIME: time - shift}))
-    return replace(
-        part[0],
-        frame=pd.concat(frames, ignore_index=True),
-        lines=np.concatenate([np.asarray(raw.lines) for raw in part]),
-    )
+    step = (b[-1] - b[0]) / (len(b) - 1) if len(b) > 1 else a[-1] - a[-2]
+    gap, shift = b[0] - a[-1] - step, 0.0
+    if abs(gap) > 0.5 * step:
+        if start == later or not abs(gap + later - start) <= 1.5 * step:
+            return None
+        shift = gap
+    frame = pd.concat([before.frame, after.frame.assign(**{TIME: b - shift})], ignore_index=True)
+    lines = np.concatenate([np.asarray(before.lines), np.asarray(after.lines)])
+    return replace(before, frame=frame, lines=lines), later + shift

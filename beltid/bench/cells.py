@@ -1,16 +1,18 @@
-"""Tables in text files: CSV of any dialect, exports of testing machines.
+"""Tables of cells: text files (CSV of any dialect, exports of testing machines), workbooks (.xlsx).
 
-Arrow reads the rows. Where a cell is not the number that its column began with, all cells are read
-as texts, and `numbers` judges those that are needed.
+Arrow reads the rows of a text. Where a cell is not the number that its column began with, all cells
+are read as texts, and `numbers` judges those that are needed.
 """
 
 from __future__ import annotations
 
 import csv
+import datetime
 import itertools
 import re
+import zipfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,30 +22,116 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.names import distinct_names
-from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
-from beltid.bench.raw import Raw
-from beltid.bench.sheets import MAX_COLUMNS, SEARCHED, Head, find_head, head_at, is_sample
+from beltid.bench.names import distinct_names, is_unit
+from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_clock, is_date, is_number
+from beltid.bench.raw import Field, Raw, first_texts
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
+from beltid.store.disk import MAX_BYTES
 from beltid.tables.schemas import RECORDINGS, table
+from beltid.tables.units import canonical_unit, is_known_unit
 
+SEARCHED: Final = 400  # rows searched for a header below title lines
+MAX_COLUMNS: Final = 2000
+SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
 """Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18  # bytes in which the header is searched
+BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 Bytes = bytes | bytearray
-BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
 """Names by which an export of testXpert is known."""
+_UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
+"""A formula without a value in the XML of a sheet."""
 
 
-def read(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
+@dataclass(frozen=True, slots=True)
+class Head:
+    """Header lines above the numbers of a table, by their index."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]  # empty if there is no row of units
+    row: int  # of the names
+    units_row: int  # -1 if there is none
+    first_row: int  # below the header
+    fields: tuple[Field, ...] = ()  # title lines of the form name and value
+
+
+def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
+    """Find the header above the first block of numbers in the first rows of a file or sheet."""
+    filled = _filled(rows)
+    for at in range(1, len(filled)):
+        block = [rows[i] for i in filled[at : at + SIMILAR]]
+        if _is_numbers(block) and not _is_units_row(block[0]):
+            row = filled[at - 2 if at > 1 and _is_units_row(rows[filled[at - 1]]) else at - 1]
+            if sum(1 for name in rows[row] if name and not is_number(name)) < 2:
+                return None
+            # a blank name is taken from the row above (merged cells); a title is one cell
+            upper = rows[row - 1] if row and sum(map(bool, rows[row - 1])) > 1 else ()
+            pairs = itertools.zip_longest(rows[row], upper, fillvalue="")
+            return replace(head_at(rows, row), names=tuple(name or over for name, over in pairs))
+    return None
+
+
+def head_at(rows: Sequence[Sequence[str]], row: int) -> Head:
+    """Return the head whose names are in a row; a row of units may follow."""
+    fields, below = fields_of(rows[:row]), [i for i in _filled(rows) if i > row] or [row + 1]
+    if below[0] < len(rows) and _is_units_row(rows[below[0]]):
+        first_row = (*below, below[0] + 1)[1]
+        return Head(tuple(rows[row]), tuple(rows[below[0]]), row, below[0], first_row, fields)
+    return Head(tuple(rows[row]), (), row, -1, below[0], fields)
+
+
+def _filled(rows: Sequence[Sequence[str]]) -> list[int]:
+    """List the rows that are neither empty nor a line drawn with signs."""
+    return [i for i, row in enumerate(rows) if any(cell.strip(" -=_*") for cell in row)]
+
+
+def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
+    """Return whether two columns, and half of those in use, hold only numbers."""
+    columns = [*itertools.zip_longest(*block, fillvalue="")]
+    numeric = [
+        any(map(_is_value, column)) and all(_is_value(c) or c in MISSING for c in column)
+        for column in columns
+    ]
+    return sum(numeric) >= 2 and 2 * sum(numeric) >= sum(1 for column in columns if any(column))
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or is_clock(cell) or is_date(cell)
+
+
+def _is_units_row(cells: Sequence[str]) -> bool:
+    """Return whether a row holds units: no number, and at least half of its cells are units."""
+    filled = [cell for cell in cells if cell]
+    own = any(is_known_unit(c) or canonical_unit(c) in ("V", "mV") for c in filled)
+    half = 2 * sum(map(is_unit, filled)) >= len(filled)
+    return own and half and not any(is_number(c) and c != "1" for c in filled)
+
+
+def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
+    """Read header fields from title lines: ``name, value[, unit]`` or one cell ``name: value``."""
+    fields = []
+    for row in rows:
+        cells = [cell.strip('" ') for cell in row]
+        if len(cells) == 1:
+            cells = re.split("[=:]", cells[0], maxsplit=1)
+        name = cells[0].strip("#%:= ") if cells else ""
+        if name and 2 <= len(cells) <= 3:
+            fields.append(Field(name, *(cell.strip() for cell in cells[1:])))
+    return tuple(fields)
+
+
+# --- texts ---------------------------------------------------------------------------------------
+
+
+def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
     data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
@@ -73,8 +161,8 @@ def read(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     misfits = list[Any]()
     lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
-    frame = _by_arrow(body, names, plain, written, len(lines), misfits) if plain else None
-    if frame is None:  # a cell may be no number
+    frame = _by_arrow(body, names, plain, written, len(lines), misfits)
+    if frame is None and plain:  # a cell may be no number
         frame = _by_arrow(body, names, (), written, len(lines), misfits)
     if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
@@ -118,7 +206,7 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
     filled = [i for i, line in enumerate(top) if not remark.match(line)]
     if not filled:
         raise InputError(f"{place}: is empty: it holds no header in {len(top)} lines")
-    first, second = filled[0], filled[min(1, len(filled) - 1)]
+    first = filled[0]
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
     rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
     if names := dialect.names:
@@ -138,7 +226,8 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
         if fit:
             return max(fit, key=lambda pair: len(pair[0].names))
-    if first != second and not ours[own] and is_sample(rows[own][first], rows[own][second]):
+    values = sum(map(_is_value, rows[own][first]))
+    if not ours[own] and values >= 2 and 2 * values >= len(rows[own][first]):
         raise InputError(
             f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names of "
             f"the {len(rows[own][first])} columns, dialect: {{names: [...]}}"
@@ -246,3 +335,97 @@ def _by_arrow(
     for key, cells in texts.items():
         columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.string()), dtype="str")
     return pd.DataFrame({name: columns[name][:at] for name in names if name}, copy=False)
+
+
+# --- workbooks ------------------------------------------------------------------------------------
+
+
+def read_excel(path: Path, place: str) -> Iterator[Raw]:
+    """Read the sheets of a workbook that are shown and hold a table."""
+    from openpyxl import load_workbook
+
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+            raise InputError(f"{place}: unpacks to more than {MAX_BYTES >> 20} MB, split it")
+        broken = archive.testzip()
+        if broken is not None:
+            raise InputError(f"{place}: damaged: {broken} in it does not match its checksum")
+    found, left_out = list[Raw](), list[str]()
+    with path.open("rb") as stream:
+        book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            if sheet.sheet_state != "visible":
+                left_out.append(sheet.title)
+                continue
+            rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True)]
+            table = _table(place, sheet.title, rows)
+            if table is not None:
+                found.append(table)
+            elif any(rows):
+                left_out.append(sheet.title)
+    if not found or any(table.frame.isna().to_numpy().any() for table in found):
+        _refuse_formulas(path, place)
+    if not found:
+        raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
+    notes = [f"sheet {title} left out: hidden, or without a table of numbers" for title in left_out]
+    yield replace(found[0], notes=tuple(notes))
+    yield from found[1:]
+
+
+def _refuse_formulas(path: Path, place: str) -> None:
+    """Refuse formulas without computed values, whose cells would be read as empty."""
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            if name.startswith("xl/worksheets/") and _UNCOMPUTED.search(archive.read(name)):
+                raise InputError(
+                    f"{place}: holds formulas without their values: open it in a spreadsheet "
+                    "program, which computes them, and save it"
+                )
+
+
+def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
+    """Return a row without the empty cells at its end."""
+    length = max((i + 1 for i, cell in enumerate(row) if cell not in (None, "")), default=0)
+    if length > MAX_COLUMNS:
+        raise InputError(f"{place}: {length} columns, must be at most {MAX_COLUMNS}")
+    return [*row[:length]]
+
+
+def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
+    """Return the table of a sheet; None if it holds none."""
+    head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
+    if head is None:
+        return None
+    body, columns, units = rows[head.first_row :], {}, {}
+    written = (*head.units, *[""] * len(head.names))
+    for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
+        if name:
+            columns[name] = _column([row[i] if i < len(row) else None for row in body])
+            units[name] = unit
+    texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
+    return Raw(
+        place,
+        pd.DataFrame(columns),
+        title,
+        "Excel workbook",
+        units,
+        head.fields,
+        lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
+        header_line=head.row + 1,
+        units_line=head.units_row + 1,
+        signs=NumberSigns.of(texts),
+    )
+
+
+def _shown(cell: Any) -> str:
+    if isinstance(cell, datetime.datetime) and cell.year <= 1900:  # a time of day past midnight
+        cell = cell.time()
+    return repr(cell) if isinstance(cell, float) else str("" if cell is None else cell).strip()
+
+
+def _column(cells: list[Any]) -> Any:
+    """Return the cells of a column as numbers or texts."""
+    kinds = {type(cell) for cell in cells if cell is not None and cell != ""}
+    if kinds and kinds <= {int, float}:
+        return np.array([np.nan if c is None or c == "" else float(c) for c in cells])
+    return pd.array([_shown(cell) or None for cell in cells], dtype="str")
