@@ -251,7 +251,8 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
     made_from : str
         Hash of all inputs of the page.
     """
-    drawn = [CHARTS[key].picture(belts) for key in ("belts-force", "belts-speed", "belts-law")]
+    keys = ("belts-force", "belts-speed", "belts-law")
+    drawn = [drawn for key in keys for drawn in CHARTS[key].pictures(belts)]
     section = Section(
         "belts",
         "The belts",
