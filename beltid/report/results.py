@@ -100,6 +100,11 @@ class Sheet(Artifact):
         return missed == ["min_share_compared"]
 
     @property
+    def judged(self) -> str:
+        """PASS or FAIL, of a comparison."""
+        return "PASS" if self.record.passed else "FAIL"
+
+    @property
     def rms_percent(self) -> str:
         """RMS difference of a comparison, formatted."""
         return cell("rms_percent", self.overall.get("rms_percent"))

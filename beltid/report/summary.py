@@ -37,8 +37,10 @@ class Summary:
         Short form of a long table for the terminal; empty if the table is short.
     shown : tuple of str
         Columns of the complete table that are shown to people; empty for all.
-    extra_tables, details : dict of str to list of dict
-        Further tables by title: short ones, always shown; those shown on request.
+    details : dict of str to list of dict
+        Further tables by title.
+    always : tuple of str
+        Titles of those that are always shown; the others on request.
     notes, warnings : tuple of str
         Information for the user; problems that the user should check.
     verdict, exit_status : str, int
@@ -60,8 +62,8 @@ class Summary:
     table: Rows = field(default_factory=list)
     overview: Rows = field(default_factory=list)
     shown: tuple[str, ...] = ()
-    extra_tables: dict[str, Rows] = field(default_factory=dict)
     details: dict[str, Rows] = field(default_factory=dict)
+    always: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
@@ -84,7 +86,7 @@ class Summary:
             "origin": self.origin,
             "facts": plain(self.facts),
             "table": plain(self.table),
-            "details": plain({**self.extra_tables, **self.details}),
+            "details": plain(self.details),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             **({"snippet": self.snippet} if self.snippet else {}),
@@ -154,8 +156,8 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Rende
     names = summary.shown or tuple(summary.table[0] if summary.table else ())
     whole = complete or not summary.overview
     first = table("", summary.table, names) if whole else table("", summary.overview)
-    further = {**summary.extra_tables, **(summary.details if complete else {})}
-    for each in (first, *(table(title, rows) for title, rows in further.items())):
+    details = [(t, rows) for t, rows in summary.details.items() if complete or t in summary.always]
+    for each in (first, *(table(title, rows) for title, rows in details)):
         if each and each.title:
             yield Text(each.title, style="bold")
         if each:

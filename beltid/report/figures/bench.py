@@ -87,7 +87,7 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     if curves is None:
         raise NotDrawn(NO_CURVES)
     rows = np.flatnonzero(np.isfinite(at))
-    for row, colour in zip(rows, charts.shades(rows.size), strict=True):
+    for row, colour in zip(rows.tolist(), charts.shades(rows.size), strict=True):
         # the curves belong to the law of the nearest temperature
         away = np.abs(curves["temperature_degC"][:, None] - at[rows])
         here = np.abs(curves["temperature_degC"] - at[row]) <= away.min(axis=1)
