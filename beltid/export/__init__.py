@@ -7,8 +7,8 @@ states the deviation from the law over the range of mu.
 Module        Responsibility
 ============= =========================================================
 ``law``       the contact law as one value, its JSON text and JSON Schema
-``reduction`` simplified laws and their deviation from the law
-``targets``   a line per program; ``templates`` has its files
+``targets``   a line per program; ``templates`` has its files; what is
+              simplified, and the deviation from the law
 ============= =========================================================
 
 This package returns texts and bytes; it does not read or write files.

@@ -162,21 +162,14 @@ CHARTS: Final[dict[str, Chart]] = {}
 
 
 def chart(key: str, title: str, *names: str, **about: Any) -> Callable[..., Callable[..., Any]]:
-    """Register a function as a chart.
+    """Register a function as a chart, a picture for each of its artifacts that there is.
 
     It is called with axes, artifact and results of the belt (without `names`, with axes and the
-    results of several belts), and returns its caption, or title and caption. Force and sliding
-    speed along x become logarithmic where they span a wide range.
+    results of several belts), and returns its caption, or title and caption. {name} and {of} are
+    name and label of the artifact; what follows a colon of the key is the id within the page.
 
-    Parameters
-    ----------
-    key, title : str
-        Name in the registry, of which the id within the page is what follows a colon, and title;
-        with {name} and {of} for name and label of the artifact.
-    *names : str
-        Artifacts that it draws, a picture for each that there is; with `once`, for the first.
-    **about
-        paper: the paper's figure that shows the same; once; panels: what axes it gets.
+    about: `paper`, the paper's figure that shows the same; `once`, whether it draws the first of
+    its artifacts only; `panels`, what axes it gets.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:

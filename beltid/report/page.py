@@ -169,15 +169,7 @@ BELTS: Final = (
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
-    """Compose the page of a belt.
-
-    Parameters
-    ----------
-    results : BeltResults
-        Results of the belt; the page reports missing ones in their place.
-    made_from : str
-        Hash of all inputs of the page.
-    """
+    """Compose the page of a belt, made from inputs of this hash; it tells what is missing."""
     verdict, sheets = verdict_of(results), results.sheets
     missing = [f"Missing, damaged or not shown: {line}" for line in results.problems]
     own: dict[str, dict[str, Any]] = {
@@ -225,17 +217,7 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
-    """Compose the page that compares belts.
-
-    Parameters
-    ----------
-    belts : sequence of BeltResults
-        Results of each belt.
-    links : sequence of str
-        Link from this page to the report of each belt.
-    made_from : str
-        Hash of all inputs of the page.
-    """
+    """Compose the page that compares belts, with links to the report of each."""
     section = Section(
         "belts",
         "The belts",

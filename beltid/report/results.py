@@ -134,28 +134,17 @@ def sheet_of(artifact: Artifact) -> Sheet:
 class BeltResults:
     """All results of one belt.
 
-    Attributes
-    ----------
-    belt : str
-        Name of the belt.
-    sheets : mapping of str to Sheet
-        Available artifacts by name.
-    profiles : tuple of mapping
-        Simulated contact of a typical run of each arc: its arc_deg, initial_tension_N,
-        slip_speed_m_s and mean_force_N_m by Eq. (8); along the arc, arc_position_m,
-        normal_force_N_m and capstan_force_N_m.
-    problems, failures : tuple of str
-        Artifacts that are missing, damaged or not shown; stages of the last `run` that failed.
-    belt_facts : tuple of str
-        Type and ribs of the belt, if its config was found.
+    Each of the `profiles`, of a typical run of each arc, has its arc_deg, initial_tension_N,
+    slip_speed_m_s and mean_force_N_m by Eq. (8); and along the arc, as simulated, arc_position_m,
+    normal_force_N_m and capstan_force_N_m.
     """
 
     belt: str
-    sheets: Mapping[str, Sheet]
+    sheets: Mapping[str, Sheet]  # available artifacts by name
     profiles: tuple[Mapping[str, Any], ...] = ()
-    problems: tuple[str, ...] = ()
-    failures: tuple[str, ...] = ()
-    belt_facts: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()  # artifacts that are missing, damaged or not shown
+    failures: tuple[str, ...] = ()  # stages of the last `run` that failed
+    belt_facts: tuple[str, ...] = ()  # type and ribs of the belt, if its config was found
 
     def get(self, *names: str) -> Sheet | None:
         """Return the first of some artifacts that there is; None if none."""
