@@ -17,7 +17,7 @@ from beltid.report.cells import Table, sentence, table
 from beltid.report.charts import CHARTS, Picture, inline_svg
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
 from beltid.report.verdict import Verdict, conditions, verdict_of
-from beltid.report.view import chosen, grid, summary_of, with_pooled
+from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
 SYMBOLS: Final = {
@@ -68,8 +68,15 @@ class Page:
     conditions: Sequence[tuple[str, str]] = ()
 
 
-WITH_BUDGET: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
+BUDGET: Final = (
+    "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
+    "config, section uncertainty."
+)
+HAVE_BUDGETS: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
+WITH_BUDGET: Final = [(name, "budget") for name in HAVE_BUDGETS]
 OF_SURFACES: Final = [(name, rows) for rows in ("nodes", "effects") for name in SURFACES]
+OF_PRESS: Final = [("stiffness", "")]
+OF_DRIVE: Final = ["drive", "compare_drive"]
 SECTIONS: Final = (
     Section(
         "surface",
@@ -79,14 +86,7 @@ SECTIONS: Final = (
         "map-{name} cuts surface-space",
         folded=False,
     ),
-    Section(
-        "stiffness",
-        "The normal contact law",
-        "Force per length of belt over penetration, Eq. (3).",
-        "press-law",
-        [("stiffness", "temperatures")],
-        folded=False,
-    ),
+    Section("stiffness", "The normal contact law", "", "press-law", OF_PRESS, folded=False),
     Section(
         "proof",
         "The proof: the rig, simulated",
@@ -112,55 +112,14 @@ SECTIONS: Final = (
         [("friction", ""), *OF_SURFACES],
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
     ),
-    Section(
-        "press",
-        "The press and temperature",
-        "Loading and unloading at each temperature.",
-        "press-temperature",
-        notes_of=["stiffness"],
-    ),
-    Section(
-        "slip",
-        "Sliding in service",
-        "Sliding speeds of the belt in a drive: the friction rig must cover them.",
-        "slip",
-        notes_of=["slip"],
-    ),
-    Section("differences", "Differences run by run", charts="differences validation"),
-    Section(
-        "forces",
-        "Forces of the drive",
-        "",
-        "along-arcs",
-        [("drive", "")],
-        ["drive", "compare_drive"],
-    ),
-    Section(
-        "uncertainty",
-        "Uncertainty budget",
-        "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
-        "config, section uncertainty.",
-        "budget-{name}",
-        [(name, "budget") for name in WITH_BUDGET],
-    ),
+    Section("press", "The press and temperature", "", "press-temperature", notes_of=["stiffness"]),
+    Section("slip", "Sliding in service", "", "slip", notes_of=["slip"]),
+    Section("differences", "Differences run by run", charts="differences"),
+    Section("forces", "Forces of the drive", "", "", [("drive", "")], OF_DRIVE),
+    Section("uncertainty", "Uncertainty budget", BUDGET, "budget-{name}", WITH_BUDGET),
     Section("set-aside", "Set aside, and why"),
-    Section(
-        "provenance",
-        "Provenance",
-        "The same inputs, settings and sources give the same files, byte for byte.",
-    ),
+    Section("provenance", "Provenance", "The same inputs and settings give the same files."),
 )
-OF_DRIVE: Final = ("drive", "forces")  # sections that a belt without a drive does not have
-STIFFNESS: Final = (
-    "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
-    "hysteresis_ratio max_force_N_m n_samples"
-)
-FURTHER: Final = {
-    "groups": "Simulated less measured µ, {}",
-    "effects": "Effects besides force and speed, in percent of µ, and what force and speed explain",
-    "budget": "Budget of the uncertainties, {}",
-}
-"""Further table -> its title on the page, with the name of what it is of."""
 BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
@@ -180,7 +139,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     }
     sections = []
     for section in SECTIONS:
-        if section.key not in OF_DRIVE or results.get("drive"):
+        if section.key not in ("drive", "forces") or results.get("drive"):
             filled: dict[str, Any] = {
                 "tables": [
                     tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets
@@ -223,7 +182,7 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         "The belts",
         "Identified parameters of each belt, and the difference between the rig simulated with "
         "them and the bench.",
-        "belts-force belts-speed belts-law",
+        "belts-force belts-speed",
         folded=False,
         tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
         notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
@@ -254,17 +213,16 @@ def _row(belt: BeltResults) -> dict[str, Any]:
 
 def tabulated(sheet: Sheet, name: str) -> Table | None:
     """Tabulate an artifact: its columns, its nodes, the laws of a press, or a further table."""
-    if not name:
-        shown = summary_of(sheet)
-        return table(sentence(shown.title), shown.table, shown.shown)
-    if name == "temperatures":
-        laws = with_pooled(summary_of(sheet).table)
-        return table("The normal law at each temperature", laws, STIFFNESS.split())
     if name == "nodes":
         title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
-    of = sheet.name if name == "budget" else sheet.label
-    return table(FURTHER[name].format(of), chosen(sheet.rows(name), name))
+    if name:
+        title = TITLES.get(name, "simulated less measured µ")
+        of = sheet.name if name == "budget" else sheet.label
+        return table(f"{sentence(title)}, {of}", chosen(sheet.rows(name), name))
+    shown = summary_of(sheet)
+    rows, names = (shown.overview, ()) if sheet.kind == "stiffness" else (shown.table, shown.shown)
+    return table(sentence(shown.title), rows, names)
 
 
 def set_aside(results: BeltResults) -> Table | None:

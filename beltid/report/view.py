@@ -117,6 +117,7 @@ COLUMNS: Final = {
     "force_high_N_m",
 }
 """Columns of further tables that have more."""
+POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
@@ -176,14 +177,9 @@ def _overview(
     if artifact.kind == "surface":
         return grid(sheet_of(artifact), errors=False)
     if artifact.kind == "stiffness":
-        return [{name: row[name] for name in view.shown.split()} for row in with_pooled(rows)]
+        short = [{name: row[name] for name in view.shown.split()} for row in rows]
+        return [{**row, **POOLED} if row["temperature_degC"] is None else row for row in short]
     return _grouped(columns, view.by.split(), view.shown.split()) if len(rows) > FEW else []
-
-
-def with_pooled(rows: Rows) -> Rows:
-    """Return the rows of a stiffness table with a name for the law of all temperatures."""
-    pooled = {"temperature_degC": "pooled"}
-    return [row if row["temperature_degC"] is not None else {**row, **pooled} for row in rows]
 
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:

@@ -191,8 +191,8 @@ def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
     assert "4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000
     at = line(over_speed.figure.axes[0], "one")
     assert at[0] == pytest.approx((2.5, 1.05 * (1.2 - 0.2 + 0.025)))
-    (why,) = CHARTS["belts-law"].pictures([results(stiffness=None)])
-    assert why == "The normal contact law of every belt: no folder has a stiffness.parquet"
+    (why,) = CHARTS["belts-force"].pictures([results(surface=None, surface_refined=None)])
+    assert why == "Friction of every belt over normal force: no folder has a surface.parquet"
 
 
 def test_the_same_data_give_the_same_bytes_and_names_within_a_figure_are_its_own() -> None:
@@ -227,17 +227,14 @@ def drive() -> Sheet:
     return sheet_of(made.as_artifact())
 
 
-def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says(drive: Sheet) -> None:
+def test_spans_in_the_drawing_touch_the_pulleys(drive: Sheet) -> None:
     pictures = pictures_of(drive)
-    assert [p.key for p in pictures] == ["drawing", "loss", "along-arcs"]
-    points = [np.column_stack(line.get_data()) for line in pictures[0].figure.axes[0].lines]
-    arcs, spans = points[0::2], points[1::2]  # the belt on each pulley, the span behind it
-    for i, (arc, wrap) in enumerate(zip(arcs, drive["wrap_deg"][3:], strict=True)):
-        pulley = TRIANGLE["pulleys"][i]
-        centre, radius = (pulley["x_m"], pulley["y_m"]), pulley["radius_m"]
-        assert np.hypot(*(arc - centre).T) == pytest.approx(radius, rel=1e-6)
-        turned = np.hypot(*np.diff(arc, axis=0).T).sum() / radius  # chords: a little short
-        assert np.degrees(turned) == pytest.approx(wrap, rel=2e-3)
-        touching = [spans[i - 1][1], spans[i][0]]  # where the belt runs on, and where it leaves
-        tips = arc[[0, -1]]
-        assert min(np.abs(tips - touching).max(), np.abs(tips[::-1] - touching).max()) < 1e-9
+    assert [p.key for p in pictures] == ["drawing", "loss"]
+    axes = pictures[0].figure.axes[0]
+    spans = [np.column_stack(line.get_data()) for line in axes.lines]
+    assert [patch.get_radius() for patch in axes.patches] == [0.05, 0.03, 0.06]
+    for i, patch in enumerate(axes.patches):
+        centre, radius = np.array(patch.get_center()), patch.get_radius()
+        for tip, along in ((spans[i - 1][1], spans[i - 1]), (spans[i][0], spans[i])):
+            assert np.hypot(*(tip - centre)) == pytest.approx(radius)
+            assert np.diff(along, axis=0) @ (tip - centre) == pytest.approx(0.0, abs=1e-12)

@@ -5,14 +5,14 @@ Also the normal force along the arc (Fig. 11), and a predicted drive.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.report import charts
-from beltid.report.cells import axis, quantity, scientific
+from beltid.report.cells import scientific
 from beltid.report.charts import NotDrawn, chart, draw, draw_groups, group
 from beltid.report.results import UNKNOWN_TENSION, BeltResults, Sheet, load_name, series_of
 
@@ -64,21 +64,6 @@ def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
         f"f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
         f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}."
     )
-
-
-def having(belts: Sequence[BeltResults], *names: str) -> list[tuple[str, Sheet]]:
-    """Return the names of the belts with one of some artifacts, and the first of these."""
-    present = [(belt.belt, sheet) for belt in belts if (sheet := belt.get(*names))]
-    if not present:
-        raise NotDrawn(f"no folder has a {names[0]}.parquet")
-    return present
-
-
-@chart("belts-law", "The normal contact law of every belt")
-def _laws(axes: Any, belts: Sequence[BeltResults]) -> str:
-    for i, (belt, sheet) in enumerate(having(belts, "stiffness")):
-        draw_press(axes, curve(sheet, sheet.pooled_row), **group(i, label=belt, markevery=20))
-    return "Not proportional to the number of ribs: each belt has to be identified by itself."
 
 
 @chart("press-temperature", "The press at each temperature", "stiffness", paper="Fig. 4")
@@ -200,26 +185,30 @@ def _along_arc(axes: Any, friction: Sheet, results: BeltResults) -> str:
 
 @chart("drawing", "The drive and its forces", "drive")
 def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
+    from matplotlib.patches import Circle
+
     laid, torque = sheet.rows("laid"), np.abs(sheet["torque_N_m"])
     steady = np.where(np.isfinite(sheet["speed_loss_rad_s"]), np.nan_to_num(torque), 0.0)
     if not laid or not steady.any():
         raise NotDrawn("no point has a steady torque, or the places of the pulleys are unknown")
     run = sheet["run"][np.argmax(steady)]
     rows = np.flatnonzero(sheet["run"] == run)
-    size = max(pulley["radius_m"] for pulley in laid)
     forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
     leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
-    middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
+    size, middle = max(pulley["radius_m"] for pulley in laid), centres.mean(axis=0)
+    wide, high = np.ptp(centres, axis=0) + 4.0 * size
     axes.figure.set_figheight(min(charts.WIDTH * high / wide, TALL))
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 10}
-    for i, (pulley, row) in enumerate(zip(laid, rows, strict=True)):
-        _draw_belt(axes, laid[i - 1], pulley, float(sheet["wrap_deg"][row]))
-        place = np.mean([pulley["leaves_m"], pulley["arrives_m"]], axis=0)
-        white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-        axes.annotate(f"{leaving[i]:.0f} N", tuple(place), bbox=white, **centred)
-        outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
-        place = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
+    for centre, pulley, row, tension in zip(centres, laid, rows, leaving, strict=True):
+        look = {"facecolor": charts.GRID, "edgecolor": charts.INK, "lw": 2.0}
+        axes.add_patch(Circle(tuple(centre), pulley["radius_m"], **look))
+        span = np.stack([pulley["leaves_m"], pulley["arrives_m"]])
+        axes.plot(*span.T, color=charts.INK, lw=2.0)
+        axes.annotate(f"{tension:.0f} N", tuple(span.mean(axis=0)), bbox=white, **centred)
+        outwards = (centre - middle) / np.hypot(*(centre - middle))
+        place = centre + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
         axes.annotate(force, tuple(place), color=charts.SIMULATED, **centred)
     axes.set_aspect("equal")
@@ -231,25 +220,6 @@ def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         f"{np.nanmax(torque[rows]):.3g} N m. At the spans: belt tension; at the pulleys: force of "
         "the belt on the axis."
     )
-
-
-def _draw_belt(
-    axes: Any, before: Mapping[str, Any], pulley: Mapping[str, Any], wrap: float
-) -> None:
-    """Draw a pulley, the belt on it and the span that leaves it; `before` is the last pulley."""
-    from matplotlib.patches import Circle
-
-    centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
-    ends = (before["arrives_m"] - centre, pulley["leaves_m"] - centre)
-    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in ends)
-    if abs((last - first) % 360.0 - wrap) > abs((first - last) % 360.0 - wrap):  # clockwise
-        first, last = last, first
-    angle = np.radians(first + np.linspace(0.0, (last - first) % 360.0 or 360.0, 73))
-    belt = centre[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)])
-    span = np.stack([pulley["leaves_m"], pulley["arrives_m"]], axis=1)
-    axes.add_patch(Circle(tuple(centre), radius, facecolor=charts.GRID, edgecolor=charts.FAINT))
-    for line in (belt, span):
-        axes.plot(*line, color=charts.INK, linewidth=2.0)
 
 
 @chart("loss", "Predicted speed loss over torque", "drive")
@@ -269,25 +239,6 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
         "creep alone, and creep with seating; the rest is slip of whole pulleys.",
-    )
-
-
-@chart("along-arcs", "Normal force and sliding along the arcs", "drive", panels=charts.TWO)
-def _along_arcs(panels: Any, sheet: Sheet, results: BeltResults) -> str:
-    rows = sheet.rows("arcs")
-    if not rows:
-        raise NotDrawn("drive.parquet has no arcs")
-    panels[0].figure.set_figheight(TALL)
-    for k, arc in enumerate(rows):
-        for axes, name in zip(panels, ("normal_force_N_m", "slip_speed_m_s"), strict=True):
-            y = quantity(name)[2] * np.array(arc[name])
-            axes.plot(arc["angle_deg"], y, **group(k, marker=None, label=arc["pulley"]))
-            axes.set_ylabel(axis(name))
-    panels[0].set_ylim(bottom=0.0)
-    panels[1].axhline(0.0, color=charts.FAINT, linewidth=0.8)
-    panels[1].set_xlabel("angle from the entry of the belt [°]")
-    return (
-        f"Point {rows[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt sticks."
     )
 
 

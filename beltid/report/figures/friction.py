@@ -17,7 +17,7 @@ from beltid.errors import counted, percent
 from beltid.report import charts
 from beltid.report.cells import axis, between, quantity, sentence
 from beltid.report.charts import NotDrawn, chart, draw
-from beltid.report.figures.bench import MILLI, POINTS, having
+from beltid.report.figures.bench import MILLI, POINTS, TALL
 from beltid.report.results import (
     COMPARED,
     HELD_OUT,
@@ -204,7 +204,9 @@ def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tu
 
     It is the middle of their common range; of the gap if the ranges do not overlap.
     """
-    surfaces = [(belt, sheet.surface) for belt, sheet in having(belts, *SURFACES)]
+    surfaces = [(belt.belt, best.surface) for belt in belts if (best := belt.best_surface)]
+    if not surfaces:
+        raise NotDrawn("no folder has a surface.parquet")
     ends = np.array([getattr(surface, across)[[0, -1]] for _, surface in surfaces])
     low, high = ends[:, 0].max(), ends[:, 1].min()
     value = np.sqrt(low * high) if low > 0.0 else 0.5 * high
@@ -273,34 +275,39 @@ def _shown(sheet: Sheet, results: BeltResults) -> list[Sheet]:
     return [other for name in COMPARED if (other := results.get(name))]
 
 
-@chart("differences", "Simulated less measured, run by run", *COMPARED, HELD_OUT, once=True)
-def _differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    for one in _shown(sheet, results):
-        _run_by_run(axes, one, 100.0 * one["difference"] / one["mu_measured"])
-    axes.set_ylabel("simulated less measured µ [%]")
-    if sheet.name == HELD_OUT:
-        return "Each run was predicted by a surface refined without its own setting."
-    return (
+@chart(
+    "differences",
+    "Simulated less measured, run by run",
+    *COMPARED,
+    HELD_OUT,
+    once=True,
+    panels=charts.TWO,
+)
+def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
+    panels[0].figure.set_figheight(TALL)
+    said = [
         "Filled: refined surface; open: published surface, which is biased where the force is low. "
         "A slope or curvature shows an effect that the model lacks; scatter is noise."
-    )
-
-
-@chart("validation", "Differences over their uncertainty", *COMPARED, HELD_OUT, once=True)
-def _over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    sheets = [one for one in _shown(sheet, results) if np.isfinite(one["e_over_u"]).any()]
-    if not sheets:
-        raise NotDrawn("their uncertainty is unknown")
-    said = ["Dashed: twice the uncertainty."]
-    for one in sheets:
-        _run_by_run(axes, one, one["e_over_u"])
+    ]
+    if sheet.name == HELD_OUT:
+        said = ["Each run was predicted by a surface refined without its own setting."]
+    for one in _shown(sheet, results):
+        _run_by_run(panels[0], one, 100.0 * one["difference"] / one["mu_measured"])
+        _run_by_run(panels[1], one, one["e_over_u"])
         stated = one.facts.get("validation") or {}
+        inside = "their uncertainty is unknown"
         if stated.get("n"):
-            inside = f"{stated['within_2u']} of {stated['n']} runs within."
-            said.append(f"{sentence(one.label)}: {inside}")
-    axes.set_ylabel("difference over its standard uncertainty [-]")
+            inside = f"{stated['within_2u']} of {stated['n']} runs within twice their uncertainty"
+        said.append(f"{sentence(one.label)}: {inside}.")
+    panels[0].set_ylabel("difference of µ [%]")
+    if not np.isfinite(panels[1].dataLim.intervalx).all():
+        panels[1].remove()
+        panels[0].tick_params(labelbottom=True)
+        return " ".join(said)
+    panels[0].set_xlabel("")
+    panels[1].set_ylabel("over its uncertainty [-]")
     for bound in (-2.0, 2.0):
-        axes.axhline(bound, color=charts.INK, lw=0.8, ls="--")
+        panels[1].axhline(bound, color=charts.INK, lw=0.8, ls="--")
     return " ".join(said)
 
 
