@@ -240,20 +240,20 @@ def set_aside(results: BeltResults) -> Table | None:
 
 def provenance(results: BeltResults) -> Table | None:
     """Tabulate each artifact's hashes of file, config, inputs and sources, and its version."""
-    rows = []
-    for sheet in results.sheets.values():
-        made = sheet.record
-        inputs = [f"{role} {sha[:SHORT_HASH]}" for role, sha in sorted(made.inputs.items())]
-        rows.append(
-            {
-                "artifact": f"{sheet.name}.parquet",
-                "file": sheet.sha256[:SHORT_HASH],
-                "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
-                "inputs": ", ".join(inputs),
-                "beltid": made.software,
-                "sources": made.sources[:SHORT_HASH],
-            }
-        )
+    rows = [
+        {
+            "artifact": f"{sheet.name}.parquet",
+            "file": sheet.sha256[:SHORT_HASH],
+            "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
+            "inputs": ", ".join(
+                f"{k} {sha[:SHORT_HASH]}" for k, sha in sorted(made.inputs.items())
+            ),
+            "beltid": made.software,
+            "sources": made.sources[:SHORT_HASH],
+        }
+        for sheet in results.sheets.values()
+        if (made := sheet.record)
+    ]
     return table("Made from (first digits of the SHA-256)", rows)
 
 

@@ -30,26 +30,23 @@ MOST_LISTED: Final = 12  # largest number of settings that are listed; for more,
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Head of a report: headline, "good", "bad" (out of tolerance) or "open", limits of trust.
-
-    `results` are the main results, each with its name.
-    """
+    """Head of a report."""
 
     headline: str
-    state: str
-    results: tuple[tuple[str, str], ...]
-    trust: tuple[str, ...]
+    state: str  # "good", "bad" (out of tolerance) or "open"
+    results: tuple[tuple[str, str], ...]  # the main ones, each with its name
+    trust: tuple[str, ...]  # limits of trust
 
 
 def verdict_of(results: BeltResults) -> Verdict:
     """Judge the results of a belt."""
-    headline, state = _headline(results)
+    said, state = _judged(results)
     if results.failures:
-        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
+        said, state = f"Incomplete: {'; '.join(results.failures)}. {said}", "bad"
+    return Verdict(said, state, tuple(_main(results)), tuple(_trust(results)))
 
 
-def _headline(results: BeltResults) -> tuple[str, str]:
+def _judged(results: BeltResults) -> tuple[str, str]:
     compared = [sheet for name in COMPARED if (sheet := results.get(name))]
     decisive, statements = compared[:1], list[str]()
     if predicted := results.prediction:

@@ -44,7 +44,8 @@ COMPARED: Final = (
 VIEWS: Final = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
-        shown="temperature_degC k_linear_N_m2 k_quadratic_N_m3 hysteresis_ratio max_force_N_m",
+        shown="temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
+        "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m",
     ),
     "slip": View(
         "sliding speed of belt on pulley in service, from the loss of angular speed",

@@ -67,8 +67,7 @@ def over_force(
     by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(charts.MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
-    lines = charts.LINES if joined else ("none",)
-    pairs = zip(charts.MARKERS, cycle(lines), strict=False)
+    pairs = zip(charts.MARKERS, cycle(charts.LINES if joined else ("none",)), strict=False)
     looks: list[Any] = [{"marker": marker, "ls": line, "lw": 0.9, **look} for marker, line in pairs]
     errors: Any = {"err": err, "band": band if joined else ""}
     named = []
