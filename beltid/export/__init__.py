@@ -1,15 +1,7 @@
 """Export the contact law of a belt: an open law file, and input for other programs.
 
-A target receives as much of the law as it can represent. The rest is simplified, and the file
-states the deviation from the law over the range of mu.
-
-============= =========================================================
-Module        Responsibility
-============= =========================================================
-``law``       the contact law as one value, its JSON text and JSON Schema
-``reduction`` simplified laws and their deviation from the law
-``targets``   a line per program; ``templates`` has its files
-============= =========================================================
-
-This package returns texts and bytes; it does not read or write files.
+`law` is the contact law as one value, its JSON text and JSON Schema; `targets` has a line per
+program, `templates` their files. A target receives as much of the law as it can represent; the rest
+is simplified, and the file states the deviation from the law over the range of mu. This package
+returns texts and bytes; it does not read or write files.
 """

@@ -123,11 +123,6 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = 
     return Table(title, [heading(name) for name in chosen], cells, numeric) if rows else None
 
 
-def _is_number(text: str) -> bool:
-    """Return whether a cell is a number, a range of numbers, or missing."""
-    return text == MISSING or f"{text.lstrip('-')[:1]}{text[-1:]}".isdigit()
-
-
 def between(low: str, high: str) -> str:
     """Format a range; a single value if the two ends are equal."""
     return low if low == high else f"{low} to {high}"

@@ -11,8 +11,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,10 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MU: Final = axis("mu")
-LINE_FORCE: Final = axis("normal_force_N_m")
-SPEED: Final = axis("slip_speed_m_s")
-MILLI: Final = 1e3
 WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
 HEIGHT: Final = 4.4
 NO_DATES: Final[dict[str, dict[str, Any]]] = {
@@ -38,8 +33,8 @@ NO_DATES: Final[dict[str, dict[str, Any]]] = {
 }
 WIDE: Final = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
 MOST_NAMED: Final = 12  # largest number of legend entries
-LOW_LEGEND: Final = 0.9  # legend height that fits into a figure of the usual height [in]
 LONGEST_NAME: Final = 48  # characters per line of a legend entry
+LOW_LEGEND: Final = 0.9  # legend height that fits into a figure of the usual height [in]
 RESOLUTION: Final = 150  # of a PNG, dots per inch
 INK: Final = "#1a1a1a"
 FAINT: Final = "#767676"
@@ -50,6 +45,8 @@ GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 ORDERED: Final = "cividis"
+TWO: Final = {"nrows": 2, "sharex": True}  # axes of a chart: one above the other; in space
+SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 10.0,
@@ -75,15 +72,11 @@ SETTINGS: Final[Any] = {
 }
 
 
-@contextmanager
-def styled() -> Iterator[None]:
-    """Draw and save in this style, independent of the user's matplotlib settings."""
-    import matplotlib as mpl
+def styled(**other: Any) -> Any:
+    """Return a context with this style, independent of the user's matplotlib settings."""
+    from matplotlib import style
 
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(SETTINGS)
-        yield
+    return style.context({**SETTINGS, **other}, after_reset=True)
 
 
 def group(index: int, **other: Any) -> dict[str, Any]:
@@ -123,70 +116,60 @@ class Chart:
 
     key: str
     title: str
-    draw: Callable[..., Any]
+    draw: Callable[..., str | tuple[str, str]]
     names: tuple[str, ...]
     paper: str = ""
     once: bool = False
-    whole: bool = False
+    panels: Mapping[str, Any] | None = None
 
-    def picture(self, *data: Any, name: str = "") -> Picture | str:
-        """Draw the chart of some data, by default of an artifact and the results of its belt.
+    def pictures(self, results: Any) -> list[Picture | str]:
+        """Draw the chart of every artifact that it is for, or say why not."""
+        if not self.names:
+            return [self._picture("", results)]
+        present = [sheet for name in self.names if (sheet := results.get(name))]
+        if not present:
+            return [self._not_drawn(self.names[0], f"there is no {self.names[0]}.parquet")]
+        chosen = present[:1] if self.once else present
+        return [self._picture(sheet.name, sheet, results) for sheet in chosen]
 
-        Data that do not support it give the reason, as a text.
-        """
+    def _picture(self, name: str, *data: Any) -> Picture | str:
         from matplotlib.figure import Figure
 
         with styled():
             fig = Figure(figsize=(WIDTH, HEIGHT))
+            axes: Any = fig.subplots(**(self.panels or {}))
             try:
-                said = self.draw(fig if self.whole else fig.subplots(), *data)
+                said = self.draw(axes, *data)
             except NotDrawn as why:
                 return self._not_drawn(name, str(why))
-            title, caption = said if isinstance(said, tuple) else (self.titled(name), said)
+            title, caption = said if isinstance(said, tuple) else (self._titled(name), said)
             for each in fig.axes:
-                if each.get_xlabel() in (LINE_FORCE, SPEED):
+                if each.get_xlabel() in (axis("normal_force"), axis("slip_speed")):
                     logarithmic(each, "x")
             legend_below(fig)
         key = self.key.format(name=name).rpartition(":")[2]
         return Picture(key, title, caption, fig, self.paper)
 
-    def pictures(self, results: BeltResults) -> list[Picture | str]:
-        """Draw the chart of every artifact that it is for, or say why not."""
-        present = [sheet for name in self.names if (sheet := results.get(name))]
-        if not present:
-            return [self._not_drawn(self.names[0], f"there is no {self.names[0]}.parquet")]
-        chosen = present[:1] if self.once else present
-        return [self.picture(sheet, results, name=sheet.name) for sheet in chosen]
-
     def _not_drawn(self, name: str, why: str) -> str:
         of_paper = f", {self.paper} of the paper" if self.paper else ""
-        return f"{self.titled(name)}{of_paper}: {why}"
+        return f"{self._titled(name)}{of_paper}: {why}"
 
-    def titled(self, name: str) -> str:
-        """Return the title of the chart of an artifact."""
+    def _titled(self, name: str) -> str:
         return self.title.format(of=LABELS.get(name, name))
 
 
 CHARTS: Final[dict[str, Chart]] = {}
 
 
-def chart(
-    key: str, title: str, *names: str, **about: Any
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a function as a chart.
+def chart(key: str, title: str, *names: str, **about: Any) -> Callable[..., Callable[..., Any]]:
+    """Register a function as a chart, a picture for each of its artifacts that there is.
 
-    It is called with axes, artifact and results of the belt, and returns its caption, or title and
-    caption. Force and sliding speed along x become logarithmic where they span a wide range.
+    It is called with axes, artifact and results of the belt (without `names`, with axes and the
+    results of several belts), and returns its caption, or title and caption. {name} and {of} are
+    name and label of the artifact; what follows a colon of the key is the id within the page.
 
-    Parameters
-    ----------
-    key, title : str
-        Name in the registry, of which the id within the page is what follows a colon, and title;
-        with {name} and {of} for name and label of the artifact.
-    *names : str
-        Artifacts that it draws, a picture for each that there is; with `once`, for the first.
-    **about
-        paper: the paper's figure that shows the same; once; whole: it gets the figure, not axes.
+    about: `paper`, the paper's figure that shows the same; `once`, whether it draws the first of
+    its artifacts only; `panels`, what axes it gets.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:
@@ -200,15 +183,9 @@ def pictures_of(sheet: Sheet) -> list[Picture]:
     """Draw all charts of one artifact, the most important first; synthetic data are marked."""
     from beltid.report import figures  # noqa: F401  (registers the charts)
 
-    sheet = sheet.named()
     results = BeltResults(sheet.name, {sheet.name: sheet})
-    found = [
-        picture
-        for chart in CHARTS.values()
-        if sheet.name in chart.names
-        for picture in chart.pictures(results)
-        if isinstance(picture, Picture)
-    ]
+    drawn = (chart.pictures(results) for chart in CHARTS.values() if sheet.name in chart.names)
+    found = [picture for each in drawn for picture in each if isinstance(picture, Picture)]
     for picture in found if sheet.origin == "synthetic" else ():
         picture.figure.suptitle("synthetic data", fontsize=10)
     return found
@@ -242,6 +219,14 @@ def draw(
     axes.set(xlabel=axis(x), ylabel=axis(y))
 
 
+def draw_groups(
+    axes: Axes, data: Any, x: str, y: str, groups: Iterable[tuple[str, Any]], **look: Any
+) -> None:
+    """Draw a column over another for groups of rows with their names, each in its own look."""
+    for k, (name, rows) in enumerate(groups):
+        draw(axes, data, x, y, rows, **group(k, label=name, **look))
+
+
 def logarithmic(axes: Axes, along: str) -> None:
     """Make an axis logarithmic with plain numbers, and say so, if its data span a wide range."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -258,7 +243,7 @@ def logarithmic(axes: Axes, along: str) -> None:
 
 
 def legend_below(fig: Figure) -> None:
-    """Add a legend below the axes, clear of the data; it lists at most `MOST_NAMED` entries."""
+    """Add a legend of at most `MOST_NAMED` entries below the axes; a tall one enlarges a figure."""
     from matplotlib.lines import Line2D
 
     handles: dict[str, Any] = {}
@@ -273,7 +258,6 @@ def legend_below(fig: Figure) -> None:
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
         extent = legend.get_window_extent()
         if ncols == 1 or extent.width <= fig.bbox.width:
-            # a tall legend enlarges the figure instead of shrinking the axes
             fig.set_figheight(fig.get_figheight() + max(extent.height / fig.dpi - LOW_LEGEND, 0.0))
             break
         legend.remove()
@@ -301,12 +285,10 @@ def inline_svg(fig: Figure, key: str) -> str:
     Ids within it begin with `key`, so that one page can contain several figures. It has a view box
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
-    import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.StringIO()
-    with styled():
-        mpl.rcParams["svg.fonttype"] = "none"
+    with styled(**{"svg.fonttype": "none"}):
         _arrange(fig)
         # not savefig, which draws twice
         FigureCanvasSVG(fig).print_svg(buffer, metadata=NO_DATES["svg"])

@@ -17,11 +17,9 @@ from beltid.report.cells import Table, sentence, table
 from beltid.report.charts import CHARTS, Picture, inline_svg
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
 from beltid.report.verdict import Verdict, conditions, verdict_of
-from beltid.report.view import chosen, grid, summary_of, with_pooled
+from beltid.report.view import TITLES, chosen, grid, summary_of
 
-GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
-MOST_NOTES: Final = 10  # number of notes of a section that are shown; the others are folded
 SYMBOLS: Final = {
     "mu": "µ",
     "k linear": "k₁",
@@ -32,8 +30,6 @@ SYMBOLS: Final = {
 }
 """Words of a heading -> what the page calls them."""
 SHORT_HASH: Final = 12
-# names of the runs on the two sides of a comparison
-MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,10 +44,10 @@ class Section:
     key: str
     title: str
     lead: str = ""
-    charts: tuple[str, ...] = ()
-    tabulates: tuple[tuple[str, str], ...] = ()
-    notes_of: tuple[str, ...] = ()
-    folded: bool = False
+    charts: str = ""
+    tabulates: Sequence[tuple[str, str]] = ()
+    notes_of: Sequence[str] = ()
+    folded: bool = True
     pictures: Sequence[Picture] = ()
     absent: Sequence[str] = ()
     tables: Sequence[Table | None] = ()
@@ -62,117 +58,68 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """A page: its kind and title, sections, head, and the hash of all that it was made from."""
+    """A page: its title and sections, the hash of all that it was made from, and its head."""
 
-    kind: str
     title: str
     sections: Sequence[Section]
+    synthetic: bool
+    made_from: str
     verdict: Verdict | None = None
     conditions: Sequence[tuple[str, str]] = ()
-    synthetic: bool = False
-    made_from: str = ""
 
 
-WITH_BUDGET: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
+BUDGET: Final = (
+    "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
+    "config, section uncertainty."
+)
+HAVE_BUDGETS: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
+WITH_BUDGET: Final = [(name, "budget") for name in HAVE_BUDGETS]
+OF_SURFACES: Final = [(name, rows) for rows in ("nodes", "effects") for name in SURFACES]
+OF_PRESS: Final = [("stiffness", "")]
+OF_DRIVE: Final = ["drive", "compare_drive"]
 SECTIONS: Final = (
     Section(
         "surface",
         "The friction law",
         "µ over normal force per length and sliding speed. With the refined surface the simulated "
         "rig gives the measured tensions; the published one averages the runs at their mean force.",
-        ("map-{name}", "cuts", "surface-space"),
+        "map-{name} cuts surface-space",
+        folded=False,
     ),
-    Section(
-        "stiffness",
-        "The normal contact law",
-        "Force per length of belt over penetration, Eq. (3).",
-        ("press-law",),
-        (("stiffness", "temperatures"),),
-    ),
+    Section("stiffness", "The normal contact law", "", "press-law", OF_PRESS, folded=False),
     Section(
         "proof",
         "The proof: the rig, simulated",
         "Every run repeated on a simulated copy of the rig; both recordings go through the same "
         "reduction. What was left out comes first.",
-        ("averaged:{name}",),
-        tuple((name, "groups") for name in (HELD_OUT, *COMPARED)),
+        "averaged:{name}",
+        [(name, "groups") for name in (HELD_OUT, *COMPARED)],
+        folded=False,
     ),
-    Section("trust", "How far to trust it"),
+    Section("trust", "How far to trust it", folded=False),
     Section(
         "drive",
         "The belt drive, predicted",
         "From the identified laws; nothing was fitted to the speed-loss bench.",
-        ("comparison", "drawing", "loss"),
+        "comparison drawing loss",
+        folded=False,
     ),
     Section(
         "friction",
         "Friction of every run",
         "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
-        ("friction", "run", "arc", "simulated:{name}"),
-        (
-            ("friction", ""),
-            *((name, "nodes") for name in SURFACES),
-            *((name, "effects") for name in SURFACES),
-        ),
+        "friction run arc simulated:{name}",
+        [("friction", ""), *OF_SURFACES],
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
-        folded=True,
     ),
-    Section(
-        "press",
-        "The press and temperature",
-        "Loading and unloading at each temperature.",
-        ("press-temperature",),
-        notes_of=("stiffness",),
-        folded=True,
-    ),
-    Section(
-        "slip",
-        "Sliding in service",
-        "Sliding speeds of the belt in a drive: the friction rig must cover them.",
-        ("slip",),
-        notes_of=("slip",),
-        folded=True,
-    ),
-    Section(
-        "differences", "Differences run by run", charts=("differences", "validation"), folded=True
-    ),
-    Section(
-        "forces",
-        "Forces of the drive",
-        "",
-        ("along-arcs",),
-        (("drive", ""),),
-        ("drive", "compare_drive"),
-        folded=True,
-    ),
-    Section(
-        "uncertainty",
-        "Uncertainty budget",
-        "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
-        "config, section uncertainty.",
-        ("budget-{name}",),
-        tuple((name, "budget") for name in WITH_BUDGET),
-        folded=True,
-    ),
-    Section("set-aside", "Set aside, and why", folded=True),
-    Section(
-        "provenance",
-        "Provenance",
-        "The same inputs, settings and sources give the same files, byte for byte.",
-        folded=True,
-    ),
+    Section("press", "The press and temperature", "", "press-temperature", notes_of=["stiffness"]),
+    Section("slip", "Sliding in service", "", "slip", notes_of=["slip"]),
+    Section("differences", "Differences run by run", charts="differences"),
+    Section("forces", "Forces of the drive", "", "", [("drive", "")], OF_DRIVE),
+    Section("uncertainty", "Uncertainty budget", BUDGET, "budget-{name}", WITH_BUDGET),
+    Section("set-aside", "Set aside, and why"),
+    Section("provenance", "Provenance", "The same inputs and settings give the same files."),
 )
-OF_DRIVE: Final = ("drive", "forces")  # sections that a belt without a drive does not have
-STIFFNESS: Final = (
-    "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
-    "hysteresis_ratio max_force_N_m n_samples"
-)
-FURTHER: Final = {
-    "groups": "Simulated less measured µ, {}",
-    "effects": "Effects besides force and speed, in percent of µ, and what force and speed explain",
-    "budget": "Budget of the uncertainties, {}",
-}
-"""Further table -> its title on the page, with the name of what it is of."""
 BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
@@ -181,16 +128,8 @@ BELTS: Final = (
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
-    """Compose the page of a belt.
-
-    Parameters
-    ----------
-    results : BeltResults
-        Results of the belt; the page reports missing ones in their place.
-    made_from : str
-        Hash of all inputs of the page.
-    """
-    verdict = verdict_of(results)
+    """Compose the page of a belt, made from inputs of this hash; it tells what is missing."""
+    verdict, sheets = verdict_of(results), results.sheets
     missing = [f"Missing, damaged or not shown: {line}" for line in results.problems]
     own: dict[str, dict[str, Any]] = {
         "trust": {"notes": verdict.trust},
@@ -198,31 +137,28 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         "set-aside": {"tables": [set_aside(results)]},
         "provenance": {"tables": [provenance(results)], "notes": missing},
     }
-    return Page(
-        kind="Contact parameters between a V-ribbed belt and a pulley",
-        title=f"Belt {results.belt}",
-        sections=[
-            replace(_filled(section, results), **own.get(section.key, {}))
-            for section in SECTIONS
-            if section.key not in OF_DRIVE or results.get("drive")
-        ],
-        verdict=verdict,
-        conditions=conditions(results),
-        synthetic=results.origin == "synthetic",
-        made_from=made_from,
-    )
+    sections = []
+    for section in SECTIONS:
+        if section.key not in ("drive", "forces") or results.get("drive"):
+            filled: dict[str, Any] = {
+                "tables": [
+                    tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets
+                ],
+                "notes": _notes([sheets[name] for name in section.notes_of if name in sheets]),
+            }
+            filled |= _drawn(section, results) | own.get(section.key, {})
+            sections.append(replace(section, **filled))
+    synthetic = results.origin == "synthetic"
+    title = f"Belt {results.belt}"
+    return Page(title, sections, synthetic, made_from, verdict, conditions(results))
 
 
-def _filled(section: Section, results: BeltResults) -> Section:
-    drawn = [drawn for key in section.charts for drawn in CHARTS[key].pictures(results)]
-    sheets = results.sheets
-    return replace(
-        section,
-        pictures=[picture for picture in drawn if isinstance(picture, Picture)],
-        absent=[why for why in drawn if isinstance(why, str)],
-        tables=[tabulated(sheets[of], name) for of, name in section.tabulates if of in sheets],
-        notes=_notes([sheets[name] for name in section.notes_of if name in sheets]),
-    )
+def _drawn(section: Section, results: Any) -> dict[str, Any]:
+    drawn = [drawn for key in section.charts.split() for drawn in CHARTS[key].pictures(results)]
+    return {
+        "pictures": [picture for picture in drawn if isinstance(picture, Picture)],
+        "absent": [why for why in drawn if isinstance(why, str)],
+    }
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
@@ -240,36 +176,21 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
-    """Compose the page that compares belts.
-
-    Parameters
-    ----------
-    belts : sequence of BeltResults
-        Results of each belt.
-    links : sequence of str
-        Link from this page to the report of each belt.
-    made_from : str
-        Hash of all inputs of the page.
-    """
-    drawn = [CHARTS[key].picture(belts) for key in ("belts-force", "belts-speed", "belts-law")]
+    """Compose the page that compares belts, with links to the report of each."""
     section = Section(
         "belts",
         "The belts",
         "Identified parameters of each belt, and the difference between the rig simulated with "
         "them and the bench.",
-        pictures=[picture for picture in drawn if isinstance(picture, Picture)],
-        absent=[why for why in drawn if isinstance(why, str)],
+        "belts-force belts-speed",
+        folded=False,
         tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
         notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
         links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
-    return Page(
-        kind="Contact parameters between V-ribbed belts and a pulley",
-        title="Belts " + ", ".join(belt.belt for belt in belts),
-        sections=[section],
-        synthetic=any(belt.origin == "synthetic" for belt in belts),
-        made_from=made_from,
-    )
+    title = "Belts " + ", ".join(belt.belt for belt in belts)
+    synthetic = any(belt.origin == "synthetic" for belt in belts)
+    return Page(title, [replace(section, **_drawn(section, belts))], synthetic, made_from)
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
@@ -286,24 +207,22 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_u_percent"] = best.combined_percent
     for name, of in ((HELD_OUT, "predicted"), *((name, LABELS[name]) for name in COMPARED)):
         if sheet := belt.get(name):
-            judged = "PASS" if sheet.record.passed else "FAIL"
-            row[f"{of}_rms_percent"] = f"{judged} {sheet.rms_percent}"
+            row[f"{of}_rms_percent"] = f"{sheet.judged} {sheet.rms_percent}"
     return row
 
 
 def tabulated(sheet: Sheet, name: str) -> Table | None:
     """Tabulate an artifact: its columns, its nodes, the laws of a press, or a further table."""
-    shown = summary_of(sheet)
-    if not name:
-        return table(sentence(shown.title), shown.table, shown.shown)
-    if name == "temperatures":
-        title = "The normal law at each temperature"
-        return table(title, with_pooled(shown.table), STIFFNESS.split())
     if name == "nodes":
         title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
-    of = sheet.name if name == "budget" else sheet.label
-    return table(FURTHER[name].format(of), chosen(sheet.rows(name), name))
+    if name:
+        title = TITLES.get(name, "simulated less measured µ")
+        of = sheet.name if name == "budget" else sheet.label
+        return table(f"{sentence(title)}, {of}", chosen(sheet.rows(name), name))
+    shown = summary_of(sheet)
+    rows, names = (shown.overview, ()) if sheet.kind == "stiffness" else (shown.table, shown.shown)
+    return table(sentence(shown.title), rows, names)
 
 
 def set_aside(results: BeltResults) -> Table | None:
@@ -312,8 +231,8 @@ def set_aside(results: BeltResults) -> Table | None:
     for name, sheet in results.sheets.items():
         for item in sheet.record.set_aside:
             what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
-            if not what.startswith(SIMULATED_RUN):
-                what = what.replace(MEASURED_RUN, "run ", 1)
+            if not what.startswith("run simulated "):
+                what = what.replace("run measured ", "run ", 1)
                 key = f"{name} {what}" if sheet.kind == "simulated" else what
                 rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
     return table("Set aside", list(rows.values()))
@@ -321,20 +240,20 @@ def set_aside(results: BeltResults) -> Table | None:
 
 def provenance(results: BeltResults) -> Table | None:
     """Tabulate each artifact's hashes of file, config, inputs and sources, and its version."""
-    rows = []
-    for sheet in results.sheets.values():
-        made = sheet.record
-        inputs = [f"{role} {sha[:SHORT_HASH]}" for role, sha in sorted(made.inputs.items())]
-        rows.append(
-            {
-                "artifact": f"{sheet.name}.parquet",
-                "file": sheet.sha256[:SHORT_HASH],
-                "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
-                "inputs": ", ".join(inputs),
-                "beltid": made.software,
-                "sources": made.sources[:SHORT_HASH],
-            }
-        )
+    rows = [
+        {
+            "artifact": f"{sheet.name}.parquet",
+            "file": sheet.sha256[:SHORT_HASH],
+            "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
+            "inputs": ", ".join(
+                f"{k} {sha[:SHORT_HASH]}" for k, sha in sorted(made.inputs.items())
+            ),
+            "beltid": made.software,
+            "sources": made.sources[:SHORT_HASH],
+        }
+        for sheet in results.sheets.values()
+        if (made := sheet.record)
+    ]
     return table("Made from (first digits of the SHA-256)", rows)
 
 
@@ -367,22 +286,20 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
             (float(time[-1]), " s"),
         )
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
-        status = str(friction["status"][row])
-        heights = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
+        status, pen = str(friction["status"][row]), "M"
+        x = WIDTH * time / max(time[-1], 1e-9)
+        y = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
+        path = ""
+        for at, height in zip(x, y, strict=True):  # gaps where it is missing
+            path += f"{pen}{at:.1f} {height:.1f}" if np.isfinite(height) else ""
+            pen = "L" if np.isfinite(height) else "M"
         yield {
             "key": f"tile-{row}",
             "title": f"{run}: {known}",
             "why": "" if status == "ok" else status,
-            "path": _path(WIDTH * time / max(time[-1], 1e-9), heights),
+            "path": path,
             "level": HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
         }
-
-
-def _path(x: np.ndarray, y: np.ndarray) -> str:
-    known = np.isfinite(y)  # gaps where it is missing
-    pens = np.where(np.append(False, known[:-1]), "L", "M")
-    points = zip(pens[known], x[known], y[known], strict=True)
-    return "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points)
 
 
 def rendered(page: Page) -> str:
@@ -393,13 +310,11 @@ def rendered(page: Page) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
-    def shown(value: Any) -> Any:
-        return printable(value) if type(value) is str else value  # Markup is this program's
-
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
-        finalize=shown,
+        # Markup is this program's
+        finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -411,5 +326,5 @@ def rendered(page: Page) -> str:
         "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
     }
     css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    about = {"generator": GENERATOR, "version": __version__, "most_notes": MOST_NOTES}
-    return environment.get_template("page.html.j2").render(page=page, css=css, **about) + "\n"
+    template = environment.get_template("page.html.j2")
+    return template.render(page=page, css=css, version=__version__) + "\n"

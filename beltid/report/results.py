@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -34,7 +33,7 @@ UNKNOWN_TENSION: Final = -1.0  # placeholder for an unknown tension [N]
 
 
 class Sheet(Artifact):
-    """An artifact as the report reads it, called by its file."""
+    """An artifact as the report reads it."""
 
     __slots__ = ()
 
@@ -43,11 +42,6 @@ class Sheet(Artifact):
         if column in self.columns:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
-
-    @property
-    def name(self) -> str:
-        """File name without the suffix, such as "surface_refined"."""
-        return self.path.stem
 
     @property
     def label(self) -> str:
@@ -59,12 +53,6 @@ class Sheet(Artifact):
     def rows(self, name: str) -> list[dict[str, Any]]:
         """Return a further table; empty if there is none."""
         return self.record.tables.get(name) or []
-
-    def named(self) -> Sheet:
-        """Return the sheet under its name in the chain, whatever its file is called."""
-        name = f"{self.kind}_refined"
-        refined = self.facts.get("method") == "refined" or self.name.endswith("_refined")
-        return replace(self, path=Path(name if name in LABELS and refined else self.kind))
 
     @property
     def rig(self) -> Mapping[str, Any]:
@@ -112,6 +100,11 @@ class Sheet(Artifact):
         return missed == ["min_share_compared"]
 
     @property
+    def judged(self) -> str:
+        """PASS or FAIL, of a comparison."""
+        return "PASS" if self.record.passed else "FAIL"
+
+    @property
     def rms_percent(self) -> str:
         """RMS difference of a comparison, formatted."""
         return cell("rms_percent", self.overall.get("rms_percent"))
@@ -138,43 +131,20 @@ def sheet_of(artifact: Artifact) -> Sheet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArcProfile:
-    """Sliding contact of one run along the arc: its settings, the profile, the mean of Eq. (8).
-
-    `profile` has arc_position_m, normal_force_N_m, capstan_force_N_m and slip_speed_m_s.
-    """
-
-    arc_deg: float
-    initial_tension_N: float
-    slip_speed_m_s: float
-    profile: Mapping[str, np.ndarray]
-    mean_force_N_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class BeltResults:
     """All results of one belt.
 
-    Attributes
-    ----------
-    belt : str
-        Name of the belt.
-    sheets : mapping of str to Sheet
-        Available artifacts by name.
-    profiles : tuple of ArcProfile
-        Simulated contact along the arc, for a typical run of each arc.
-    problems, failures : tuple of str
-        Artifacts that are missing, damaged or not shown; stages of the last `run` that failed.
-    belt_facts : tuple of str
-        Type and ribs of the belt, if its config was found.
+    Each of the `profiles`, of a typical run of each arc, has its arc_deg, initial_tension_N,
+    slip_speed_m_s and mean_force_N_m by Eq. (8); and along the arc, as simulated, arc_position_m,
+    normal_force_N_m and capstan_force_N_m.
     """
 
     belt: str
-    sheets: Mapping[str, Sheet]
-    profiles: tuple[ArcProfile, ...] = ()
-    problems: tuple[str, ...] = ()
-    failures: tuple[str, ...] = ()
-    belt_facts: tuple[str, ...] = ()
+    sheets: Mapping[str, Sheet]  # available artifacts by name
+    profiles: tuple[Mapping[str, Any], ...] = ()
+    problems: tuple[str, ...] = ()  # artifacts that are missing, damaged or not shown
+    failures: tuple[str, ...] = ()  # stages of the last `run` that failed
+    belt_facts: tuple[str, ...] = ()  # type and ribs of the belt, if its config was found
 
     def get(self, *names: str) -> Sheet | None:
         """Return the first of some artifacts that there is; None if none."""

@@ -21,55 +21,25 @@ Rows = list[dict[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a command shows, for people and programs.
+    """What a command shows, for people and programs."""
 
-    Attributes
-    ----------
-    stage, title : str
-        Name of the command, such as ``"fit-friction"``; title of the table.
-    out : Path or None
-        The file with the result.
-    facts : dict
-        Single results by name; the suffix of the name is the unit.
-    table : list of dict
-        The complete result for programs, one row per record.
-    overview : list of dict
-        Short form of a long table for the terminal; empty if the table is short.
-    shown : tuple of str
-        Columns of the complete table that are shown to people; empty for all.
-    extra_tables, details : dict of str to list of dict
-        Further tables by title: short ones, always shown; those shown on request.
-    notes, warnings : tuple of str
-        Information for the user; problems that the user should check.
-    verdict, exit_status : str, int
-        Final line, such as ``"PASS: ..."``, empty if nothing is judged; status of the command.
-    up_to_date : bool
-        Whether an earlier artifact from the same inputs was kept.
-    origin : str or None
-        Origin of the data: "measured", "synthetic", None if not stated.
-    snippet : str
-        Lines to copy into a file, such as a section of a config.
-    parts : tuple of Summary
-        Summaries of several inputs, one after the other.
-    """
-
-    stage: str
-    title: str
-    out: Path | None = None
-    facts: dict[str, Any] = field(default_factory=dict)
-    table: Rows = field(default_factory=list)
-    overview: Rows = field(default_factory=list)
-    shown: tuple[str, ...] = ()
-    extra_tables: dict[str, Rows] = field(default_factory=dict)
-    details: dict[str, Rows] = field(default_factory=dict)
+    stage: str  # name of the command, such as "fit-friction"
+    title: str  # of the table
+    out: Path | None = None  # the file with the result
+    facts: dict[str, Any] = field(default_factory=dict)  # by name, whose suffix is the unit
+    table: Rows = field(default_factory=list)  # the complete result for programs
+    overview: Rows = field(default_factory=list)  # short form of a long table for the terminal
+    shown: tuple[str, ...] = ()  # columns of the complete table that people see; empty for all
+    details: dict[str, Rows] = field(default_factory=dict)  # further tables by title
+    always: tuple[str, ...] = ()  # titles of those that are always shown; the others on request
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    verdict: str = ""
+    warnings: tuple[str, ...] = ()  # problems that the user should check
+    verdict: str = ""  # final line, such as "PASS: ..."; empty if nothing is judged
     exit_status: int = 0
-    up_to_date: bool = False
-    origin: str | None = None
-    snippet: str = ""
-    parts: tuple[Summary, ...] = ()
+    up_to_date: bool = False  # whether an earlier artifact from the same inputs was kept
+    origin: str | None = None  # of the data: "measured", "synthetic", None if not stated
+    snippet: str = ""  # lines to copy into a file, such as a section of a config
+    parts: tuple[Summary, ...] = ()  # of several inputs, one after the other
 
     def as_json(self) -> dict[str, Any]:
         """Convert to one JSON object; missing numbers become null."""
@@ -84,7 +54,7 @@ class Summary:
             "origin": self.origin,
             "facts": plain(self.facts),
             "table": plain(self.table),
-            "details": plain({**self.extra_tables, **self.details}),
+            "details": plain(self.details),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             **({"snippet": self.snippet} if self.snippet else {}),
@@ -118,16 +88,9 @@ def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
 
 
 def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
-    """Print a summary on a console.
+    """Print a summary on a console, whose width decides between table and records.
 
-    Parameters
-    ----------
-    summary : Summary
-        Result of the stage.
-    console : Console
-        Output; its width decides between table and records.
-    complete : bool
-        Whether to print long tables completely instead of their overview, and the further tables.
+    `complete`: long tables instead of their overview, and all further tables.
     """
     with console.capture() as capture:
         for part in _renderables(summary, console.width, complete):
@@ -154,8 +117,8 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Rende
     names = summary.shown or tuple(summary.table[0] if summary.table else ())
     whole = complete or not summary.overview
     first = table("", summary.table, names) if whole else table("", summary.overview)
-    further = {**summary.extra_tables, **(summary.details if complete else {})}
-    for each in (first, *(table(title, rows) for title, rows in further.items())):
+    details = [(t, rows) for t, rows in summary.details.items() if complete or t in summary.always]
+    for each in (first, *(table(title, rows) for title, rows in details)):
         if each and each.title:
             yield Text(each.title, style="bold")
         if each:
@@ -193,22 +156,17 @@ def _table_or_records(shown: Table, room: int) -> RenderableType:
     widths = [max(map(len, column)) for column in zip(*shown.rows, strict=True)]
     if not shown.numeric[-1]:
         widths[-1] = min(widths[-1], LAST_COLUMN)
+    whole = sum(map(max, widths, map(len, heads))) + GAP * len(heads) <= room
     # numbers stay whole, headings may wrap
     widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]
-    left = room - sum(widths) - GAP * len(widths)
-    if left < 0:
+    if sum(widths) + GAP * len(widths) > room:
         pairs = [zip(heads, row, strict=True) for row in shown.rows]
         records = ["\n  ".join(printable(f"{h}: {text}") for h, text in row) for row in pairs]
         return Text("\n".join(f"- {record}" for record in records))
     grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
-    # unwrapped headings for as many columns as fit
-    for i in sorted(range(len(heads)), key=lambda i: len(heads[i]) - widths[i]):
-        more = max(len(heads[i]) - widths[i], 0)
-        if more <= left:
-            widths[i] += more
-            left -= more
     for head, width, is_number in zip(heads, widths, shown.numeric, strict=True):
         justify: Any = "right" if is_number else "left"
+        width = max(width, len(head)) if whole else width
         grid.add_column(Text(printable(head)), justify=justify, width=width, overflow="fold")
     for row in shown.rows:
         grid.add_row(*(Text(printable(text)) for text in row))

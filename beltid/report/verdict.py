@@ -30,35 +30,31 @@ MOST_LISTED: Final = 12  # largest number of settings that are listed; for more,
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Head of a report: headline, "good", "bad" (out of tolerance) or "open", limits of trust.
-
-    `results` are the main results, each with its name.
-    """
+    """Head of a report."""
 
     headline: str
-    state: str
-    results: tuple[tuple[str, str], ...]
-    trust: tuple[str, ...]
+    state: str  # "good", "bad" (out of tolerance) or "open"
+    results: tuple[tuple[str, str], ...]  # the main ones, each with its name
+    trust: tuple[str, ...]  # limits of trust
 
 
 def verdict_of(results: BeltResults) -> Verdict:
     """Judge the results of a belt."""
-    headline, state = _headline(results)
+    said, state = _judged(results)
     if results.failures:
-        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
+        said, state = f"Incomplete: {'; '.join(results.failures)}. {said}", "bad"
+    return Verdict(said, state, tuple(_main(results)), tuple(_trust(results)))
 
 
-def _headline(results: BeltResults) -> tuple[str, str]:
+def _judged(results: BeltResults) -> tuple[str, str]:
     compared = [sheet for name in COMPARED if (sheet := results.get(name))]
     decisive, statements = compared[:1], list[str]()
     if predicted := results.prediction:
         decisive.append(predicted)
-        over_u = predicted.over_uncertainty
-        error = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
         statements.append(
             f"friction of {LEFT_OUT[predicted.facts['hold_out']]} that was left out is predicted "
-            f"to {predicted.rms_percent} % RMS{error} ({_within(predicted)})"
+            f"to {predicted.rms_percent} % RMS{_over_u(predicted.over_uncertainty)} "
+            f"({_within(predicted)})"
         )
     if compared:
         parts = [
@@ -66,27 +62,26 @@ def _headline(results: BeltResults) -> tuple[str, str]:
             for sheet in compared
         ]
         statements.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
-    missing = "; ".join(_missing_evidence(results))
     if not decisive:
         return "Not proven: the simulated rig was not compared with the bench.", "open"
     start, state = "Identified and proven", "good"
     if not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
-    elif missing:
+    elif missing := "; ".join(_missing_evidence(results)):
         start, state = f"Identified, not proven ({missing})", "open"
     first, *others = statements
     return " ".join([f"{start}: {first}.", *(f"{sentence(other)}." for other in others)]), state
 
 
+def _over_u(ratio: float | None) -> str:
+    return "" if ratio is None else f", {ratio:.2g} standard uncertainties"
+
+
 def _within(sheet: Sheet) -> str:
     if sheet.too_few_compared:
-        return _number_compared(sheet)
+        count, of = sheet.overall.get("n_points"), sheet.facts.get("runs_measured")
+        return f"only {cell('n', count)} of {cell('n', of)} runs compared"
     return f"{'within' if sheet.record.passed else 'out of'} tolerance"
-
-
-def _number_compared(sheet: Sheet) -> str:
-    count = cell("n", sheet.overall.get("n_points"))
-    return f"only {count} of {cell('n', sheet.facts.get('runs_measured'))} runs compared"
 
 
 def _missing_evidence(results: BeltResults) -> Iterator[str]:
@@ -106,7 +101,7 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
         if sheet is None:
             yield without
         elif sheet.too_few_compared:
-            yield _number_compared(sheet)
+            yield _within(sheet)
         elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
             yield (
                 f"{misses} {sheet.over_uncertainty:.2g} of their standard uncertainties, at most "
@@ -142,10 +137,9 @@ def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
     if drive := results.get("compare_drive"):
         rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
         error = cell("rms_percent", None if rms is None else 100.0 * rms)
-        over_u = "" if ratio is None else f", {ratio:.2g} standard uncertainties"
-        judged = "PASS" if drive.record.passed else "FAIL"
         points = f"{cell('n', drive.facts.get('points_judged'))} points"
-        yield "Speed loss of the drive, predicted", f"{judged} {error} % RMS{over_u}, {points}"
+        said = f"{drive.judged} {error} % RMS{_over_u(ratio)}, {points}"
+        yield "Speed loss of the drive, predicted", said
     if friction := results.get("friction"):
         good = int(np.count_nonzero(friction["status"] == "ok"))
         yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
@@ -172,18 +166,17 @@ def _trust(results: BeltResults) -> Iterator[str]:
         yield "It is not stated whether the data are measured or synthetic (data.origin)."
     if sheet is None:
         return
-    forces, v = sheet.surface.normal_force_N_m, sheet.surface.slip_speed_m_s
-    speeds = f"{'at' if v[0] == v[-1] else 'from'} {_speeds(v)}"
-    inferred = ""
-    if sheet.name == "surface_refined":
-        inferred = (
-            f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that act "
-            "within the contact of these runs."
-        )
+    forces, v = sheet.surface.normal_force_N_m, 1e3 * sheet.surface.slip_speed_m_s
+    speeds = f"{'at' if v[0] == v[-1] else 'from'} {between(f'{v[0]:.3g}', f'{v[-1]:.3g}')} mm/s"
+    inferred = (
+        f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that act "
+        "within the contact of these runs."
+    )
     if sheet.measured_force is None:
         yield f"µ is given from {_forces(forces)} and {speeds}."
     else:
-        yield f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}.{inferred}"
+        measured = f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}."
+        yield measured + inferred * (sheet.name == "surface_refined")
     beyond = "Outside, the nearest µ is taken; friction is never extrapolated."
     if stiffness := results.get("stiffness"):
         pressed = stiffness["max_force_N_m"][stiffness.pooled_row]
@@ -214,39 +207,31 @@ def _forces(values: Sequence[float] | np.ndarray) -> str:
     return f"{between(*ends)} N/m"
 
 
-def _speeds(values: np.ndarray) -> str:
-    return f"{between(f'{1e3 * values[0]:.3g}', f'{1e3 * values[-1]:.3g}')} mm/s"
-
-
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
     """List belt, rig, settings, temperatures and config, each with its value.
 
     Unknown values are left out. The settings are those of the measured runs, not those planned in a
     config.
     """
-    friction, stiffness = results.get("friction"), results.get("stiffness")
     lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
-    if friction is not None:
+    if friction := results.get("friction"):
         radius = friction.pulley_radius_m
-        weights = load_name(friction) == "weight"
+        load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
+        speeds = 1e3 * np.abs(friction["slip_speed_m_s"])
         lines += [
             ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
             ("Contact arcs", _settings(friction["arc_deg"], "°")),
-            (
-                "Weights" if weights else "Belt tensions at rest T₀",
-                _settings(friction["nominal_tension_N"], " N"),
-            ),
-            ("Sliding speeds v", _settings(1e3 * friction["slip_speed_m_s"], " mm/s")),
+            (load, _settings(friction["nominal_tension_N"], " N")),
+            ("Sliding speeds v", _settings(speeds, " mm/s")),
             ("Surface", _stated(friction, "condition")),
             ("Side of the belt", _stated(friction, "side")),
-            ("Rig temperature", _range(friction["temperature_degC"], " °C")),
+            ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
         ]
-    if stiffness is not None:
+    if stiffness := results.get("stiffness"):
         length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
-        degrees = np.unique(stiffness["temperature_degC"])
         lines += [
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
-            ("Press temperatures", _listed([f"{t:.3g}" for t in degrees if t == t], " °C")),
+            ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
         ]
     configs = {sheet.record.config for sheet in results.sheets.values()}
     lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
@@ -258,20 +243,9 @@ def _stated(friction: Sheet, column: str) -> str:
     return ", ".join(sorted({str(value) for value in values if value is not None}))
 
 
-def _settings(column: np.ndarray, unit: str) -> str:
-    values = np.abs(column)
-    return _listed([class_name(values[rows]) for rows in settings_of(values)], unit)
-
-
-def _listed(values: Sequence[str], unit: str) -> str:
-    if len(values) > MOST_LISTED:
-        return f"{len(values)} from {values[0]} to {values[-1]}{unit}"
-    return ", ".join(values) + unit if values else ""
-
-
-def _range(values: np.ndarray, unit: str) -> str:
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return ""
-    low, high = float(finite.min()), float(finite.max())
-    return between(f"{low:.3g}", f"{low if high - low < 0.5 else high:.3g}") + unit
+def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
+    """List the settings of some runs, joined to so many classes."""
+    names = [class_name(values[rows]) for rows in settings_of(values, most)]
+    if len(names) > MOST_LISTED:
+        return f"{len(names)} from {names[0]} to {names[-1]}{unit}"
+    return ", ".join(names) + unit if names else ""

@@ -44,7 +44,8 @@ COMPARED: Final = (
 VIEWS: Final = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
-        shown="temperature_degC k_linear_N_m2 k_quadratic_N_m3 hysteresis_ratio max_force_N_m",
+        shown="temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
+        "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m",
     ),
     "slip": View(
         "sliding speed of belt on pulley in service, from the loss of angular speed",
@@ -117,6 +118,7 @@ COLUMNS: Final = {
     "force_high_N_m",
 }
 """Columns of further tables that have more."""
+POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
@@ -125,13 +127,22 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
-    columns, rows = _columns_and_rows(artifact)
+    if RUNS in record.tables:
+        runs = record.tables[RUNS]
+        rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
+        columns = {
+            name: np.array([row[name] for row in rows], object if type(value) is str else float)
+            for name, value in (rows[0] if rows else {}).items()
+        }
+    else:
+        columns = {name: of for name, of in artifact.columns.items() if of.ndim == 1}
+        rows = rows_of(columns, *columns)
     names = [name for name in f"{view.by} {view.shown}".split() if name in columns]
-    titled: dict[bool, dict[str, Rows]] = {True: {}, False: {}}
-    for name, table in record.tables.items():
-        if name not in (RUNS, *FOR_REPORT):
-            title = TITLES.get(name, name.replace("_", " "))
-            titled[name in view.always][title] = chosen(table, name)
+    further = {
+        TITLES.get(name, name.replace("_", " ")): chosen(table, name)
+        for name, table in record.tables.items()
+        if name not in (RUNS, *FOR_REPORT)
+    }
     return Summary(
         stage=record.made_by or artifact.kind,
         title=view.title,
@@ -141,8 +152,8 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
         table=rows,
         overview=_overview(artifact, view, columns, rows),
         shown=tuple(sorted(names, key=lambda name: name != "run") or columns),
-        extra_tables=titled[True],
-        details=titled[False],
+        details=further,
+        always=tuple(TITLES[name] for name in view.always),
         notes=tuple(record.notes),
         warnings=tuple(record.warnings),
         verdict=record.verdict,
@@ -150,21 +161,6 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
         up_to_date=up_to_date,
         origin=record.origin,
     )
-
-
-def _columns_and_rows(artifact: Artifact) -> tuple[Mapping[str, np.ndarray], Rows]:
-    if RUNS not in artifact.record.tables:
-        columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
-        return columns, rows_of(columns, *columns)
-    rows = [
-        {name: value for name, value in row.items() if not isinstance(value, dict)}
-        for row in artifact.record.tables[RUNS]
-    ]
-    columns = {
-        name: np.array([row[name] for row in rows], dtype=object if type(value) is str else float)
-        for name, value in (rows[0] if rows else {}).items()
-    }
-    return columns, rows
 
 
 def chosen(rows: Rows, table: str) -> Rows:
@@ -182,16 +178,9 @@ def _overview(
     if artifact.kind == "surface":
         return grid(sheet_of(artifact), errors=False)
     if artifact.kind == "stiffness":
-        return [{name: row[name] for name in view.shown.split()} for row in with_pooled(rows)]
-    if len(rows) <= FEW or not view.by:
-        return []
-    return _grouped(columns, view.by.split(), view.shown.split())
-
-
-def with_pooled(rows: Rows) -> Rows:
-    """Return the rows of a stiffness table with a name for the law of all temperatures."""
-    pooled = {"temperature_degC": "pooled"}
-    return [row if row["temperature_degC"] is not None else {**row, **pooled} for row in rows]
+        short = [{name: row[name] for name in view.shown.split()} for row in rows]
+        return [{**row, **POOLED} if row["temperature_degC"] is None else row for row in short]
+    return _grouped(columns, view.by.split(), view.shown.split()) if len(rows) > FEW else []
 
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
@@ -211,6 +200,8 @@ def grid(sheet: Sheet, *, errors: bool) -> Rows:
 
 def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]) -> Rows:
     """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
+    if not by:
+        return []
     ok = columns.get("status", np.array(["ok"])) == "ok"
     ok = np.broadcast_to(ok if ok.any() else True, columns[by[0]].shape)
     # the scatter of motors and weights makes no setting of its own
@@ -222,14 +213,13 @@ def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequen
     for i in np.flatnonzero(ok).tolist():
         rows.setdefault(tuple(key[i] for key in keys), []).append(i)
     numbers = [c for c in shown if c in columns and columns[c].dtype.kind == "f"][:MOST_RANGES]
-    ordered = rows if any(isinstance(k, str) for k in next(iter(rows))) else sorted(rows)
     return [
         {
             **dict(zip(by, key, strict=True)),
             "rows": len(rows[key]),
             **{c: _range(c, columns[c][rows[key]]) for c in numbers},
         }
-        for key in ordered
+        for key in (rows if any(isinstance(k, str) for k in next(iter(rows))) else sorted(rows))
     ]
 
 

@@ -24,8 +24,7 @@ from beltid.export.law import (
     friction_part,
     validation_problems,
 )
-from beltid.export.reduction import reference_point
-from beltid.export.targets import TARGETS, Export, export
+from beltid.export.targets import TARGETS, Export, export, reference_point
 from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.inputs import (

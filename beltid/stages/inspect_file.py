@@ -74,14 +74,15 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     bench = schemas.table(kind).command if kind else "an unknown bench"
     guessed = "" if stated or not kind else " (guessed)"
     rows = _channel_rows(inspection)
+    tables = {"runs": runs[:SHOWN_RUNS], "all runs": runs if len(runs) > SHOWN_RUNS else []}
     return Summary(
         stage="inspect",
         title=f"{path}, recording of {bench}{guessed}",
         facts=_facts(inspection),
         table=rows,
         shown=tuple(n for n in next(iter(rows), {}) if n != "first"),  # terminals have 80 columns
-        extra_tables={"runs": runs[:SHOWN_RUNS]} if runs else {},
-        details={"all runs": runs} if len(runs) > SHOWN_RUNS else {},
+        details={name: rows for name, rows in tables.items() if rows},
+        always=("runs",) if runs else (),
         notes=inspection.notes,
         warnings=problems,
         verdict=verdict,

@@ -16,7 +16,7 @@ from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
 from beltid.params import OperatingPoint
 from beltid.report.page import belt_page, belts_page, rendered
-from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
+from beltid.report.results import BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
 from beltid.rig.runs import SimulationSettings, simulate
@@ -154,14 +154,14 @@ def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
     return "left from an earlier run" if belt.is_left(name) else ""
 
 
-def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:
+def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[dict[str, Any], ...], list[str]]:
     """Simulate the sliding contact of a typical run of each arc; return profiles and problems."""
     surface = sheets.get("surface_refined") or sheets.get("surface")
     simulated = sheets.get("simulated_refined") or sheets.get("simulated")
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    settings, found = simulated.record.settings, list[ArcProfile]()
+    settings, found = simulated.record.settings, list[dict[str, Any]]()
     if "rig" not in settings:  # made in Python: the bench is not known
         return (), []
     try:
@@ -172,11 +172,12 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
         bench = bench_of(as_measured(config, friction), surface.surface, law)
         names = ("arc_deg", "initial_tension_N", "slip_speed_m_s")
         for row in typical_runs(friction.columns):
-            arc, tension, speed = (float(friction[name][row]) for name in names)
+            settings = {name: float(friction[name][row]) for name in names}
+            arc, tension, speed = settings.values()
             point = OperatingPoint(math.radians(arc), tension, speed / bench.rig.R)
             run = simulate(bench, point, SimulationSettings(method="steady"))
             profile = {name: np.asarray(x, dtype=float) for name, x in run.profile.items()}
-            found.append(ArcProfile(arc, tension, speed, profile, run.normal_force_N_m))
+            found.append({**profile, **settings, "mean_force_N_m": run.normal_force_N_m})
     except BeltidError as error:
         return tuple(found), [f"the contact along the arc: {line}" for line in error.problems]
     return tuple(found), []

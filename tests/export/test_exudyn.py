@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import beltid
-from beltid.export.reduction import CONSTANT, reference_point
-from beltid.export.targets import export
+from beltid.export.targets import CONSTANT, export, reference_point
 
 exudyn: Any = pytest.importorskip("exudyn")
 

@@ -19,8 +19,14 @@ from scipy.io import loadmat
 
 import beltid
 from beltid.export.law import BeltFacts, ContactLaw, Contribution, Provenance, friction_part
-from beltid.export.reduction import deviations, friction_table, penetration_nodes, reference_point
-from beltid.export.targets import TARGETS, export
+from beltid.export.targets import (
+    TARGETS,
+    deviations,
+    export,
+    friction_table,
+    penetration_nodes,
+    reference_point,
+)
 
 Function = Callable[..., Any]
 FLAGS = {

@@ -37,7 +37,7 @@ def _recording(kind: str) -> Callable[[Path], object]:
 def _artifact(path: Path) -> object:
     """An artifact, and what stages and the report make of it before they compute or draw."""
     artifact = read_artifact(path)
-    sheet = sheet_of(artifact).named()
+    sheet = sheet_of(artifact)
     if artifact.kind == "surface":
         surface_from(artifact)
     elif artifact.kind == "stiffness":

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.report.results import ArcProfile, BeltResults, Sheet
+from beltid.report.results import BeltResults, Sheet
 from beltid.store.artifact import Record, write_artifact
 
 ARCS = (40.0, 82.0)
@@ -207,7 +207,9 @@ def sheets() -> dict[str, Sheet]:
     found = {}
     for name, said in every.items():
         columns = said.pop("columns")
-        record = Record(name.removesuffix("_refined"), settings=SETTINGS, origin="synthetic")
+        kind, refined, _ = name.partition("_refined")
+        from_refined = {"surface_refined": "ab" * 32} if refined else {}
+        record = Record(kind, settings=SETTINGS, origin="synthetic", ancestors=from_refined)
         found[name] = stating(Sheet(columns, record, Path(name), "ab" * 32), **said)
     return found
 
@@ -219,9 +221,11 @@ def results(belt: str = "testbelt", **others: Sheet | None) -> BeltResults:
         "arc_position_m": x,
         "normal_force_N_m": np.sin(np.pi * x / 0.05) * 9000.0,
         "capstan_force_N_m": 6000.0 * np.exp(-10.0 * x),
-        "slip_speed_m_s": np.full(x.size, 0.01),
+        "initial_tension_N": 300.0,
+        "slip_speed_m_s": 0.0105,
+        "mean_force_N_m": 5000.0,
     }
-    profiles = tuple(ArcProfile(arc, 300.0, 0.0105, profile, 5000.0) for arc in ARCS)
+    profiles = tuple({**profile, "arc_deg": arc} for arc in ARCS)
     whole = {**sheets(), **others}
     return BeltResults(belt, {k: v for k, v in whole.items() if v is not None}, profiles)
 

@@ -35,7 +35,7 @@ from beltid.report.charts import (
     pictures_of,
     saved,
 )
-from beltid.report.figures import friction as of_friction
+from beltid.report.figures.friction import sampled
 from beltid.report.page import Page
 from beltid.report.results import BeltResults, Sheet, class_name, settings_of, sheet_of
 
@@ -87,11 +87,12 @@ def test_a_logarithmic_axis_says_so_in_every_figure(name: str) -> None:
 
 
 def test_the_press_is_drawn_with_the_law_of_its_temperature() -> None:
-    hot = next(axes for axes in drawn("press-temperature") if axes.get_title() == "60 °C")
-    assert line(hot, "law")[-1] == pytest.approx((100.0, 6.6e7 * 1e-4 + 3.1e11 * 1e-8))
-    loading = line(hot, "loading")
-    assert loading[-1, 1] == pytest.approx(1.05 * (6.5e7 * 1e-4 + 3.05e11 * 1e-8))
-    assert loading.shape[0] == 12  # its own test alone
+    (axes,) = drawn("press-temperature")
+    assert line(axes, "60 °C")[-1] == pytest.approx((100.0, 6.6e7 * 1e-4 + 3.1e11 * 1e-8))
+    loading, unloading, law = axes.get_lines()[3:]  # its own test alone, in its own colour
+    assert loading.get_xdata().size == unloading.get_xdata().size == 12
+    assert loading.get_ydata()[-1] == pytest.approx(1.05 * (6.5e7 * 1e-4 + 3.05e11 * 1e-8))
+    assert len({tuple(one.get_color()) for one in (loading, unloading, law)}) == 1
 
 
 def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
@@ -150,25 +151,13 @@ def test_map_holds_the_surface_the_points_and_the_range() -> None:
     assert box[:, 1].max() == pytest.approx(10.5)
     assert line(axes, "measured runs (mean of Eq. 8)").shape == (11, 2)
     sheet, table = sheets()["surface"], surface()
-    f, v, mu = of_friction.grid_of(sheet.surface, 5, 3)
-    assert (f[0], v[-1]) == pytest.approx((2000.0, 0.0105))
+    f, v, mu = sampled(sheet, 5, 3)
+    assert (f[0], v[-1]) == pytest.approx((2000.0, 10.5))
     assert (mu[0, 0], mu[-1, -1]) == pytest.approx((table["mu"][0], table["mu"][-1]))
     slow = {name: values[table["slip_speed_m_s"] == 0.0025] for name, values in table.items()}
     one = results(surface=replace(sheet, columns=slow))
     box = line(drawn("map-{name}", one, "map-surface")[0], "range of validity")
     assert set(box[:, 1]) == {2.5}  # nothing beside it
-
-
-@pytest.mark.parametrize("falls", [True, False])
-def test_the_map_hatches_where_the_friction_falls_with_the_speed(falls: bool) -> None:
-    table = surface()
-    if falls:
-        table["mu"] = table["mu"] - 20.0 * table["slip_speed_m_s"]
-    sheet = replace(sheets()["surface"], columns=table)
-    grid = of_friction.grid_of(sheet.surface, 5, 3)[:2]
-    assert (of_friction.falls_with_speed(sheet.surface, *grid) == falls).all()
-    axes = drawn("map-{name}", results(surface=sheet), "map-surface")[0]
-    assert bool(axes.patches) == falls
 
 
 def test_measured_against_simulated_are_the_means_over_arcs() -> None:
@@ -196,14 +185,14 @@ def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
 
 def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
     two = [results("one"), results("two")]
-    over_speed = CHARTS["belts-speed"].picture(two)
+    (over_speed,) = CHARTS["belts-speed"].pictures(two)
     assert isinstance(over_speed, Picture)
     assert {"one", "two"} <= {x.get_label() for x in over_speed.figure.axes[0].get_lines()}
     assert "4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000
     at = line(over_speed.figure.axes[0], "one")
     assert at[0] == pytest.approx((2.5, 1.05 * (1.2 - 0.2 + 0.025)))
-    why = CHARTS["belts-law"].picture([results(stiffness=None)])
-    assert why == "The normal contact law of every belt: no folder has a stiffness.parquet"
+    (why,) = CHARTS["belts-force"].pictures([results(surface=None, surface_refined=None)])
+    assert why == "Friction of every belt over normal force: no folder has a surface.parquet"
 
 
 def test_the_same_data_give_the_same_bytes_and_names_within_a_figure_are_its_own() -> None:
@@ -238,17 +227,14 @@ def drive() -> Sheet:
     return sheet_of(made.as_artifact())
 
 
-def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says(drive: Sheet) -> None:
+def test_spans_in_the_drawing_touch_the_pulleys(drive: Sheet) -> None:
     pictures = pictures_of(drive)
-    assert [p.key for p in pictures] == ["drawing", "loss", "along-arcs"]
-    points = [np.column_stack(line.get_data()) for line in pictures[0].figure.axes[0].lines]
-    arcs, spans = points[0::2], points[1::2]  # the belt on each pulley, the span behind it
-    for i, (arc, wrap) in enumerate(zip(arcs, drive["wrap_deg"][3:], strict=True)):
-        pulley = TRIANGLE["pulleys"][i]
-        centre, radius = (pulley["x_m"], pulley["y_m"]), pulley["radius_m"]
-        assert np.hypot(*(arc - centre).T) == pytest.approx(radius, rel=1e-6)
-        turned = np.hypot(*np.diff(arc, axis=0).T).sum() / radius  # chords: a little short
-        assert np.degrees(turned) == pytest.approx(wrap, rel=2e-3)
-        touching = [spans[i - 1][1], spans[i][0]]  # where the belt runs on, and where it leaves
-        tips = arc[[0, -1]]
-        assert min(np.abs(tips - touching).max(), np.abs(tips[::-1] - touching).max()) < 1e-9
+    assert [p.key for p in pictures] == ["drawing", "loss"]
+    axes = pictures[0].figure.axes[0]
+    spans = [np.column_stack(line.get_data()) for line in axes.lines]
+    assert [patch.get_radius() for patch in axes.patches] == [0.05, 0.03, 0.06]
+    for i, patch in enumerate(axes.patches):
+        centre, radius = np.array(patch.get_center()), patch.get_radius()
+        for tip, along in ((spans[i - 1][1], spans[i - 1]), (spans[i][0], spans[i])):
+            assert np.hypot(*(tip - centre)) == pytest.approx(radius)
+            assert np.diff(along, axis=0) @ (tip - centre) == pytest.approx(0.0, abs=1e-12)

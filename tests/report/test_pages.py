@@ -208,7 +208,7 @@ def test_what_one_surface_alone_says_names_it_and_many_notes_are_folded() -> Non
     notes = next(section.notes for section in whole.sections if section.key == "friction")
     assert set(notes) == {"common", "refined surface: best: b", "published surface: best: a"}
     lines = [f"Note {k} of fourteen" for k in range(14)]
-    text = rendered(replace(whole, sections=[Section("many", "Many", notes=lines)]))
+    text = rendered(replace(whole, sections=[Section("many", "", notes=lines, folded=False)]))
     Nesting(text)
     assert text.index("Note 9 of") < text.index("<summary>") < text.index("Note 10 of")
 
