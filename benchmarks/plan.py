@@ -39,7 +39,7 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import Campaign
-from beltid.uncertainty.sources import ARC, StandardUncertainties, all_sources
+from beltid.uncertainty.sources import ARC, SURFACE, StandardUncertainties, stated_sources
 
 Array = np.ndarray
 
@@ -286,7 +286,7 @@ def error_and_uncertainty(
         measured.mu_se,
     ).surface
     rig = Bench(bench.belt, bench.rig, Contact(), bench.law, start)
-    sources = all_sources(bench.given, int(measured.arc.max()) + 1, False)
+    sources = stated_sources(bench.given, SURFACE, int(measured.arc.max()) + 1)
     found = refine_surface(Campaign(measured, rig, bench.press), speeds, sources)
     surface = found.surface.with_covariance(found.uncertainty.factor)
     f, v = target.normal_force, target.slip_speed

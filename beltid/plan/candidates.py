@@ -36,10 +36,9 @@ from beltid.uncertainty.rig_runs import (
     MESH,
     Campaign,
     RigRuns,
-    as_measured,
     input_slopes,
-    mesh_of,
     residual_changes,
+    simulated_runs,
 )
 from beltid.uncertainty.sources import ARC, Source
 
@@ -186,20 +185,21 @@ def simulate_candidates(
     wanted = np.array(settings.omegas) * R
     speeds = speeds_for(wanted, measured)
     at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
-    T_0, mesh = np.array([point.T_0 for point in points]), mesh_of(bench, points, MESH)
-    start = measured
+    arc = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs_deg)[0]
+    campaign = Campaign(simulated_runs(bench, points, arc, kind), bench, press)
+    T_0, start = campaign.measured.T_0, measured
     if start is None:
         rough = np.log([0.2 * T_0.min() / R, 2.0 * T_0.max() / R])
         start = usual_surface(rough, np.log(speeds))
-    acting = acting_forces(RigRuns(bench, points, np.unique(at), mesh), start)
+    acting = acting_forces(RigRuns(campaign, np.unique(at), MESH), start)
     log_force = knots_for(float(acting[:, 1].min()), float(acting[:, 2].max()), measured, KNOTS)
     curves = Curves(log_force, np.log(speeds))
     present = usual_surface(log_force, curves.log_speed) if measured is None else measured
     log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()
-    rig = RigRuns(bench, points, speeds, mesh)
+    rig = RigRuns(campaign, speeds, MESH)
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
-    arc = numbered_arcs(np.degrees(rig.beta), known_arcs_deg)[0]
-    simulated = as_measured(bench, points, (done.tight, done.slack), arc, kind)
-    campaign = Campaign(simulated, bench, press)
+    campaign = Campaign(
+        simulated_runs(bench, points, arc, kind, (done.tight, done.slack)), bench, press
+    )
     slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
     return Candidates(campaign, curves, done.J, done.speed_slope, slopes)

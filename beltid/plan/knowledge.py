@@ -43,12 +43,13 @@ from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS, SPEED_BEN
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (
     ARC,
+    SURFACE,
     Source,
     StandardUncertainties,
     SurfaceUncertainty,
-    all_sources,
     effect_sources,
-    with_rig_sources,
+    stated_sources,
+    with_sources,
 )
 
 Array = NDArray[np.float64]
@@ -194,8 +195,8 @@ def sources_of_plan(
     stored = () if known is None else tuple(known.sources)
     _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
     size = next((source.size for source in stored if source.error == ARC), BEFORE[ARC].median)
-    every = all_sources(stated, len(arcs), law_scatter)
-    return with_rig_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
+    every = stated_sources(stated, SURFACE, len(arcs), law_scatter=law_scatter)
+    return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
 
 
 def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:

@@ -37,7 +37,7 @@ from beltid.refine.posterior import (
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, mesh_of, residual_changes
+from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -239,7 +239,7 @@ def _solved(
 ) -> tuple[Problem, Fit, Fit]:
     """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
     measured, bench = campaign.measured, campaign.bench
-    rig = RigRuns(bench, measured.points, speeds, mesh_of(bench, measured.points, finer))
+    rig = RigRuns(campaign, speeds, finer)
     empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
     if empty:
         raise InputError(f"no run at the speeds {', '.join(empty)}")

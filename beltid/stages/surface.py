@@ -58,11 +58,12 @@ from beltid.uncertainty.sources import (
     ARC,
     COURSE,
     ORDER,
+    SURFACE,
     TEMPERATURE,
     StandardUncertainties,
     SurfaceUncertainty,
-    all_sources,
     reduction_sources,
+    stated_sources,
 )
 
 NO_ARC_DEG: Final = 90.0
@@ -272,7 +273,8 @@ def refined(
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
     n_arcs = int(measured.arc.max()) + 1
-    stated = all_sources(standard_uncertainties(config), n_arcs, press.has_scatter)
+    given, law_scatter = standard_uncertainties(config), press.has_scatter
+    stated = stated_sources(given, SURFACE, n_arcs, law_scatter=law_scatter)
     shared = (*stated, *reduction_sources(measured.columns))
     calls = [(campaign, speeds, shared, reference)]
     (found,) = (workers or Workers()).run(refine_surface, calls)

@@ -10,9 +10,9 @@ This is the only module of the rooms ``uncertainty``, ``refine`` and ``plan`` th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.steady import StaticState, lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.sources import Errors, Source, changes_by
+from beltid.uncertainty.sources import NO_ERRORS, Errors, Source, changes_by
 
 Array = NDArray[np.float64]
 
@@ -45,46 +45,40 @@ class Campaign:
     bench: Bench  # belt, rig, and the surface that the inverse solution starts from
     press: PressLaw  # the contact law and its fit to the press
 
-    def corrected(self, errors: Errors) -> Self:
-        """Return runs and bench with errors corrected."""
-        return self._moved(
-            self.measured.corrected(errors),
-            EA=1.0 + errors.at("axial_stiffness"),
-            EI=1.0 + errors.at("bending_stiffness"),
-            span=self.bench.rig.span + errors.at("span_length"),
-            law=self.press.corrected(errors),
+    def inputs(self, runs: Measured, errors: Errors = NO_ERRORS) -> Array:
+        """Return `INPUTS` of the simulated rig for its runs, with errors of the bench corrected.
+
+        `runs` are those that were measured, with the same errors corrected, (n, 8).
+        """
+        belt, law = self.bench.belt, self.press.corrected(errors)
+        shared = (
+            runs.R,
+            self.bench.rig.span + errors.at("span_length"),
+            belt.EI * (1.0 + errors.at("bending_stiffness")),
+            belt.EA * (1.0 + errors.at("axial_stiffness")),
+            law.k_linear_N_m2,
+            law.k_quadratic_N_m3,
         )
+        same = np.broadcast_to(shared, (runs.mu.size, len(shared)))
+        return np.column_stack([runs.beta, runs.T_0, same])
 
-    def _moved(self, measured: Measured, EA: float, EI: float, span: float, law: NormalLaw) -> Self:
-        """Return the campaign with other runs and inputs; the stiffnesses as factors."""
-        bench, belt = self.bench, self.bench.belt
-        belt = replace(belt, EA=belt.EA * EA, EI=belt.EI * EI)
-        bench = replace(bench, belt=belt, rig=replace(bench.rig, R=measured.R, span=span), law=law)
-        return replace(self, measured=measured, bench=bench)
 
-    def log_inputs(self) -> Array:
-        """Return the ln of the inputs of the simulated rig (n, 8), in the order of `INPUTS`."""
-        bench, measured = self.bench, self.measured
-        k = np.array([bench.law.k_linear_N_m2, bench.law.k_quadratic_N_m3])
-        shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA]
-        shared += [*np.where(k > 0.0, k, 1.0)]
-        columns = [measured.beta, measured.T_0, *(np.full(measured.mu.size, x) for x in shared)]
-        return np.log(np.column_stack(columns))
+def simulated_runs(
+    bench: Bench,
+    points: Sequence[OperatingPoint],
+    arc: NDArray[np.intp],
+    kind: RigKind,
+    tensions: Array | tuple[Array, Array] | None = None,
+) -> Measured:
+    """Return simulated runs as if their tight and slack tensions had been measured exactly.
 
-    def stepped(self, name: str) -> Self:
-        """Return the campaign with one input a step larger and unchanged sliding speeds."""
-        factor = {n: 1.0 + STEP * (n == name) for n in INPUTS}
-        measured, rig, law = self.measured, self.bench.rig, self.bench.law
-        k = law.k_linear_N_m2 * factor["k_linear"], law.k_quadratic_N_m3 * factor["k_quadratic"]
-        stepped = replace(
-            measured,
-            R=rig.R * factor["radius"],
-            omega=measured.omega / factor["radius"],
-            beta=measured.beta * factor["arc"],
-            T_0=measured.T_0 * factor["initial tension"],
-        )
-        law = replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1])
-        return self._moved(stepped, factor["EA"], factor["EI"], rig.span * factor["span"], law)
+    Without `tensions` they are those at rest.
+    """
+    beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
+    tight, slack = (T_0, T_0) if tensions is None else tensions
+    mu, given = friction_coefficient(tight, slack, beta), bench.rig.given_force
+    settings = bench.rig.R, arc, beta, T_0, omega
+    return Measured(*settings, tight, slack, mu, np.zeros(mu.size), kind=kind, given_force=given)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,30 +94,37 @@ class Sliding:
 
 
 class RigRuns:
-    """Runs at n points with the belt laid on once, ready to slide with many surfaces.
+    """The runs of a campaign with the belt laid on once, ready to slide with many surfaces.
 
-    Each run belongs to the nearest of the speeds (m,) [m/s], increasing. Its mesh is a number of
-    belt elements (:func:`mesh_of`), or that of its model on a bench that differs a little.
+    Each run belongs to the nearest of the speeds (m,) [m/s], increasing. The mesh is a ratio of
+    belt elements to the default, their number in each run, or that of the models of a rig that
+    differs a little: the noise of another mesh is larger than the difference. `inputs` (n, 8) take
+    the place of those of the campaign.
     """
 
     def __init__(
         self,
-        bench: Bench,
-        points: Sequence[OperatingPoint],
+        campaign: Campaign,
         speeds: Array,
-        meshes: Sequence[int | RigModel],
+        mesh: float | Sequence[int | RigModel],
+        inputs: Array | None = None,
     ) -> None:
-        self.beta = np.array([point.beta for point in points])
-        self.speeds = np.asarray(speeds, dtype=float)
-        v = np.array([point.omega * bench.rig.R for point in points])
-        self.label = np.argmin(np.abs(np.log(v[:, None] / self.speeds)), axis=1)
-        self.off_speed = np.log(v / self.speeds[self.label])
+        bench, runs = campaign.bench, campaign.measured
+        inputs = campaign.inputs(runs) if inputs is None else inputs
+        self.beta, self.speeds = inputs[:, 0], np.asarray(speeds, dtype=float)
+        self.label = np.argmin(np.abs(np.log(runs.slip_speed[:, None] / self.speeds)), axis=1)
+        self.off_speed = np.log(runs.slip_speed / self.speeds[self.label])
         self.models: list[RigModel] = []
-        self._laid: list[StaticState] = []
-        for point, j, mesh in zip(points, self.label, meshes, strict=True):
-            at_speed = OperatingPoint(point.beta, point.T_0, self.speeds[j] / bench.rig.R)
-            self.models.append(bench.model(at_speed, mesh))
-            self._laid.append(lay_on(self.models[-1]))
+        for i, (beta, T_0, R, span, EI, EA, *k) in enumerate(inputs.tolist()):
+            belt, rig = replace(bench.belt, EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
+            of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
+            point = OperatingPoint(beta, T_0, self.speeds[self.label[i]] / R)
+            if isinstance(mesh, float):
+                own: int | RigModel = even(mesh * (of_run.model(point).nodes.size - 1))
+            else:
+                own = mesh[i]
+            self.models.append(of_run.model(point, own))
+        self._laid = [lay_on(model) for model in self.models]
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed, with derivatives by the friction.
@@ -150,34 +151,15 @@ class RigRuns:
 
     def _states(
         self, surfaces: Sequence[FrictionSurface]
-    ) -> list[tuple[RigModel, StaticState, FrictionSurface]]:
-        states = []
+    ) -> Iterator[tuple[RigModel, StaticState, FrictionSurface]]:
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
-            states.append((run, slide(run, laid), surfaces[j]))
-        return states
+            yield run, slide(run, laid), surfaces[j]
 
 
-def as_measured(
-    bench: Bench,
-    points: Sequence[OperatingPoint],
-    tensions: tuple[Array, Array],
-    arc: NDArray[np.intp],
-    kind: RigKind,
-) -> Measured:
-    """Return simulated runs as if their tight and slack tensions had been measured exactly."""
-    beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
-    mu, given = friction_coefficient(*tensions, beta), bench.rig.given_force
-    exact = np.zeros(mu.size)
-    return Measured(
-        bench.rig.R, arc, beta, T_0, omega, *tensions, mu, exact, kind=kind, given_force=given
-    )
-
-
-def mesh_of(bench: Bench, points: Sequence[OperatingPoint], finer: float) -> list[int]:
-    """Choose the number of elements of each run, even: `finer` times the default."""
-    counts = (bench.model(point).nodes.size - 1 for point in points)
-    return [2 * round(0.5 * finer * n) for n in counts]
+def even(number: float) -> int:
+    """Round a number of elements to an even one."""
+    return 2 * round(0.5 * number)
 
 
 def input_slopes(
@@ -188,16 +170,10 @@ def input_slopes(
     `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
     of each run by ln v (n,).
     """
-    points = campaign.measured.points
-    rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
-    nominal = rig.log_mu(surfaces, speed_slope)
-
-    def log_mu(other: Campaign) -> Array:
-        # on the same mesh: the noise of another one is larger than the difference
-        near = RigRuns(other.bench, other.measured.points, speeds, rig.models)
-        return near.log_mu(surfaces, speed_slope)
-
-    columns = [log_mu(campaign.stepped(name)) - nominal for name in INPUTS]
+    rig, inputs = RigRuns(campaign, speeds, MESH), campaign.inputs(campaign.measured)
+    nominal, steps = rig.log_mu(surfaces, speed_slope), 1.0 + STEP * np.eye(len(INPUTS))
+    stepped = (RigRuns(campaign, speeds, rig.models, inputs * step) for step in steps)
+    columns = [near.log_mu(surfaces, speed_slope) - nominal for near in stepped]
     return np.asarray(np.column_stack(columns) / np.log1p(STEP))
 
 
@@ -208,12 +184,16 @@ def residual_changes(
 
     With the derivatives of the simulated ln mu of :func:`input_slopes`, (n, 8) and (n,).
     """
-    before, inputs = campaign.measured, campaign.log_inputs()
+    before = campaign.measured
+    inputs = campaign.inputs(before)
 
     def residual(errors: Errors) -> Array:
-        corrected = campaign.corrected(errors)
-        after = corrected.measured
-        simulated = np.einsum("ni,ni->n", slopes, corrected.log_inputs() - inputs)
+        """Return the residual with errors corrected, less that without."""
+        after = before.corrected(errors)
+        corrected = campaign.inputs(after, errors)
+        known = (inputs > 0.0) & (corrected > 0.0)  # either coefficient of the law may be zero
+        steps = np.log(np.divide(corrected, inputs, out=np.ones_like(inputs), where=known))
+        simulated = np.sum(slopes * steps, axis=1)
         simulated += speed_slope * np.log(after.slip_speed / before.slip_speed)
         return np.asarray(np.log(after.mu / before.mu) - simulated)
 

@@ -16,27 +16,16 @@ the bench missed and the simulation did not is a known error without correction:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Final, Self
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.agreement import AgreementResult
-from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.params import OperatingPoint
-from beltid.rig.model import Bench
-from beltid.uncertainty.measured import PressLaw, own_errors, shared_columns
-from beltid.uncertainty.rig_runs import (
-    INPUTS,
-    Campaign,
-    RigRuns,
-    as_measured,
-    input_slopes,
-    mesh_of,
-    residual_changes,
-)
+from beltid.uncertainty.measured import own_errors, shared_columns
+from beltid.uncertainty.rig_runs import INPUTS, Campaign, RigRuns, input_slopes, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     Scatter,
@@ -49,11 +38,11 @@ from beltid.uncertainty.sources import (
 
 Array = NDArray[np.float64]
 
-DIGITS: Final = 5
+DIGITS: Final = 5  # of what is stored
 MESH_SHARE: Final = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-FINER_MESH: Final = 2.0  # ratio of elements in the finer mesh that shows the mesh error
+ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,30 +58,33 @@ class RunsUncertainty:
     by_setting: Array
     """Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
     misses, (n, 2)."""
-    mu: Array = field(default_factory=lambda: np.zeros(0))  # in the sliding limit, (n,)
+    mu: Array | None = None  # in the sliding limit, (n,)
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Join the uncertainties of groups of runs with the same sources."""
-        names = (*ARRAYS, "mu")
-        every = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-        return cls(parts[0].sources, tuple(label for p in parts for label in p.runs), **every)
+    def joined(cls, parts: Sequence[Self], runs: Sequence[str]) -> Self:
+        """Join groups of runs, whose sources may differ, under the labels of all runs."""
+        sources = dict[tuple[str, int], Source]()
+        for source in (source for part in parts for source in part.sources):
+            sources.setdefault((source.error, source.place), source)
+        places = {key: k for k, key in enumerate(sources)}
+        arrays = {name: [getattr(part, name) for part in parts] for name in (*ARRAYS, "mu")}
+        for name in ("simulated", "difference"):
+            for k, part in enumerate(parts):
+                aligned = np.zeros((len(arrays[name][k]), len(places)))
+                aligned[:, [places[s.error, s.place] for s in part.sources]] = arrays[name][k]
+                arrays[name][k] = aligned
+        joined = {name: np.concatenate(values) for name, values in arrays.items()}
+        return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
-        """Return it as JSON data."""
-        arrays = {name: _short(getattr(self, name)) for name in ARRAYS}
+        """Return it as JSON data, with as many digits as an uncertainty needs."""
+        arrays = {}
+        for name in ARRAYS:
+            values = getattr(self, name)
+            short = [float(f"{x:.{DIGITS}g}") for x in values.ravel()]
+            arrays[name] = np.reshape(short, values.shape).tolist()
         sources = [asdict(source) for source in self.sources]
         return {"sources": sources, "runs": list(self.runs), **arrays}
-
-
-ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
-
-
-def _short(values: Array) -> list[Any]:
-    """Convert to nested lists with few digits, enough for an uncertainty."""
-    return [
-        _short(row) if np.ndim(row) else float(f"{row:.{DIGITS}g}") for row in np.asarray(values)
-    ]
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
@@ -105,46 +97,35 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
 
 
 def simulated_uncertainty(
-    bench: Bench,
-    press: PressLaw,
-    points: Sequence[OperatingPoint],
-    arc: NDArray[np.intp],
+    campaign: Campaign,
     sources: Sequence[Source],
     elements: int | None = None,
-    kind: RigKind = TWO_CELLS,
     same_bench: bool = False,
-    labels: Sequence[str] = (),
-    found: Array | None = None,
 ) -> RunsUncertainty:
-    """Compute the uncertainty of simulated runs (sliding limit).
+    """Compute the uncertainty of simulated runs (sliding limit), without labels.
 
     Parameters
     ----------
-    bench, press, kind
-        The bench, its contact law with the fit to the press, and what it measures; only a surface
-        with a covariance contributes its shared errors.
-    points, labels, arc
-        The runs, their labels, and the number of the arc setting of each, as in the sources (n,).
+    campaign : Campaign
+        Settings and coefficients of the simulated recordings; the bench with its surface, whose
+        covariance, if it has one, contributes its shared errors.
     sources : sequence of Source
         Errors; the first ones belong to the columns of the surface's factor.
     elements : int, optional
         Belt elements; by default as in the simulation.
     same_bench : bool
-        Whether the surface and the measured runs are of this bench and at these settings: its
-        inputs are then without error, and no source may be one of the bench.
-    found : ndarray, shape (n,), optional
-        Coefficients of the simulated recordings [-]; by default those of the sliding limit.
+        Whether the surface is of this bench and the coefficients were measured at these settings:
+        its inputs are then without error, and no source may be one of the bench.
 
     Raises
     ------
     ConvergenceError
         If a run cannot be simulated.
     """
-    surface, n = bench.surface, len(points)
-    speeds = np.unique([point.omega for point in points]) * bench.rig.R
+    surface, n = campaign.bench.surface, campaign.measured.mu.size
+    speeds = np.unique(campaign.measured.slip_speed)
     surfaces = [surface] * speeds.size
-    mesh = [elements] * n if elements else mesh_of(bench, points, 1.0)
-    rig = RigRuns(bench, points, speeds, mesh)
+    rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
     runs = rig.slide(surfaces)
     by_surface, scatter, speed_slope = np.zeros((n, len(sources))), np.zeros(n), np.zeros(n)
     for i, run in enumerate(runs):
@@ -153,24 +134,23 @@ def simulated_uncertainty(
         by_surface[i, : shared.size] = shared
         _, per_v = surface.gradient(run.force, v)
         speed_slope[i] = float(run.weight @ (per_v * v / surface.mu(run.force, v)))
-    mu = np.array([run.mu for run in runs])
-    finer = RigRuns(bench, points, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
+    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
     response = np.array([run.weight.sum() for run in runs])
-    tensions = np.array([run.tight for run in runs]), np.array([run.slack for run in runs])
-    measured = as_measured(bench, points, tensions, arc, kind)
-    by_arc = response[:, None] * np.eye(int(arc.max()) + 1)[arc]
-    measured = replace(measured, columns={ARC: by_arc})
-    campaign = Campaign(measured, bench, press)
-    slopes = np.zeros((n, len(INPUTS)))
+    arc = campaign.measured.arc
+    by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
+    measured = replace(campaign.measured, tight=tight, slack=slack, mu=mu, columns=by_arc)
+    slopes, remaining = np.zeros((n, len(INPUTS))), np.zeros(n)
     if not same_bench:
         slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
+        # build-up that is left at the end of a simulated run, and error of its time steps
+        remaining = np.abs(np.log(campaign.measured.mu / mu))
+    campaign = replace(campaign, measured=measured)
     difference = by_surface - residual_changes(campaign, sources, slopes, speed_slope)
-    # remaining build-up at the end of a simulated run, and error of its time steps
-    remaining = 0.0 if found is None else np.abs(np.log(found / mu))
+    finer = RigRuns(campaign, speeds, [2 * (model.nodes.size - 1) for model in rig.models])
     by_mesh = np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu))
     return RunsUncertainty(
         sources=tuple(sources),
-        runs=tuple(labels),
+        runs=(),
         simulated=difference + changes_by(sources, lambda e: np.log(measured.corrected(e).mu)),
         difference=difference,
         scatter=scatter,
@@ -195,77 +175,31 @@ def _of_surface(
 WITHIN: Final = 2.0
 """Standard uncertainties within which a difference says nothing about the model [-]."""
 SHOWN: Final = 3  # contributions that are named
+SETTINGS: Final = (
+    ("initial_tension_N", "nominal_tension_N"),
+    ("pulley_speed_rad_s", "pulley_speed_rad_s"),
+)
+"""Column of the actual setting, and of the simulated one."""
+SCATTERS: Final = (
+    "scatter of the measured runs",
+    "scatter behind the simulated runs",
+    "mesh and time steps of the simulation",
+    "settings that the bench missed",
+)
+UNKNOWN: Final = (
+    "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
+    "contains it): u_validation holds only that of the measured runs, and the scatter"
+)
 
 
-@dataclass(frozen=True, slots=True)
-class Validation:
-    """Relative standard uncertainties of compared runs, arrays (n,)."""
+class Validation(NamedTuple):
+    """What a comparison says of its uncertainties."""
 
-    measured: Array  # of the measured coefficient: shared errors and scatter
-    measured_scatter: Array  # scatter only
-    simulated_scatter: Array  # of the simulated coefficient by scatter
-    numerical: Array  # by mesh and time steps
-    settings: Array  # change of the coefficient by the settings that the bench missed
-    simulated: Array  # changes of the simulated coefficient by each shared source, (n, K)
-    difference: Array  # changes of the difference by each shared source, (n, K)
-    sources: tuple[Source, ...] = ()  # shared errors
-    inputs_known: bool = False  # whether the uncertainty of the simulated runs is known
-
-    @property
-    def u_input(self) -> Array:
-        """Standard uncertainty of the simulated coefficient by its inputs (n,)."""
-        own = np.column_stack([self.simulated, self.simulated_scatter, self.settings])
-        return np.asarray(np.linalg.norm(own, axis=1))
-
-    @property
-    def u_validation(self) -> Array:
-        """Standard uncertainty of the difference (n,)."""
-        own = (self.measured_scatter, self.simulated_scatter, self.numerical, self.settings)
-        return np.asarray(np.linalg.norm(np.column_stack([self.difference, *own]), axis=1))
-
-    def columns(self, result: AgreementResult) -> dict[str, Array]:
-        """Return columns of the comparison table: absolute uncertainties of mu [-]."""
-        mu = result.mu_measured
-        known = mu * (1.0 if self.inputs_known else np.nan)
-        return {
-            "u_measured": self.measured * mu,
-            "u_input": self.u_input * known,
-            "u_numerical": self.numerical * known,
-            "u_validation": self.u_validation * mu,
-            "e_over_u": result.error_over_uncertainty,
-        }
-
-    def budget(self) -> list[dict[str, Any]]:
-        """Return the rows of the budget of the difference."""
-        return budget(
-            "difference",
-            self.sources,
-            self.difference,
-            Scatter("scatter of the measured runs", self.measured_scatter),
-            Scatter("scatter behind the simulated runs", self.simulated_scatter),
-            Scatter("mesh and time steps of the simulation", self.numerical),
-            Scatter("settings that the bench missed", self.settings),
-        )
-
-    def facts(self, result: AgreementResult) -> dict[str, Any]:
-        """Return how many differences are within their uncertainty, and their ratio."""
-        ratio = np.abs(result.error_over_uncertainty)
-        rms = result.rms_error_over_uncertainty
-        return {
-            "n": int(ratio.size),
-            "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
-            "rms_e_over_u": rms if np.isfinite(rms) else None,
-            "inputs_known": self.inputs_known,
-        }
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes for the reader."""
-        if self.inputs_known:
-            return ()
-        return (
-            "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
-            "contains it): u_validation holds only that of the measured runs, and the scatter",
-        )
+    columns: dict[str, Array]  # of the comparison table: absolute uncertainties of mu [-], (n,)
+    budget: list[dict[str, Any]]  # of the relative difference
+    facts: dict[str, Any]
+    """How many differences are within their uncertainty, and their ratio."""
+    notes: tuple[str, ...]
 
 
 def validated(
@@ -280,60 +214,68 @@ def validated(
     """
     of_measured, of_simulated = result.rows
     mu = result.mu_measured
+    none = np.zeros(mu.size)
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
-        return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else 0.0 * mu
+        return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
     scatter = column(measured, "mu_sliding_se", of_measured) / mu
-    combined = column(measured, "mu_sliding_u", of_measured) / mu
-    whole, none = np.where(combined > 0.0, combined, scatter), np.zeros(mu.size)
+    of_runs = column(measured, "mu_sliding_u", of_measured) / mu
+    whole = np.where(of_runs > 0.0, of_runs, scatter)
     labels = [str(simulated["run"][i]) for i in of_simulated]
     if uncertainty is None or not set(labels) <= set(uncertainty.runs):
-        of_simulation = column(simulated, "mu_sliding_se", of_simulated) / mu
-        empty = np.zeros((mu.size, 0))
-        parts = Validation(whole, whole, of_simulation, none, none, empty, empty)
-        return replace(result, u_validation=parts.u_validation), parts
-
-    def missed(name: str, stated: str) -> Array:
-        """Return ln of the actual over the simulated setting; zero if one is unknown."""
-        actual = np.abs(column(measured, name, of_measured))
-        nominal = np.abs(column(simulated, stated, of_simulated))
-        known = (actual > 0.0) & (nominal > 0.0)
-        return np.log(np.where(known, actual, 1.0) / np.where(known, nominal, 1.0))
-
-    rows = [uncertainty.runs.index(label) for label in labels]
-    settings = [
-        missed("initial_tension_N", "nominal_tension_N"),
-        missed("pulley_speed_rad_s", "pulley_speed_rad_s"),
-    ]
-    by_setting = np.sum(uncertainty.by_setting[rows] * np.column_stack(settings), axis=1)
-    # if the surface was built from these runs, an error of their reduction changes both
-    shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
-    present = {source.error for source in uncertainty.sources}
-    added = tuple(source for source in reduction_sources(shared) if source.error not in present)
-    sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
-    of_runs = np.zeros((mu.size, len(sources)))
-    for k, source in enumerate(sources):
-        of_runs[:, k] = shared.get(source.error, 0.0)
-    own = own_errors(measured)
-    parts = Validation(
-        measured=whole,
-        measured_scatter=scatter if own is None else np.nan_to_num(own[of_measured]) / mu,
-        simulated_scatter=uncertainty.scatter[rows],
-        numerical=uncertainty.numerical[rows],
-        settings=np.abs(by_setting),
-        simulated=np.hstack([uncertainty.simulated[rows], more]),
-        difference=np.hstack([uncertainty.difference[rows], more]) - of_runs,
-        sources=sources,
-        inputs_known=True,
-    )
-    return replace(result, u_validation=parts.u_validation), parts
+        uncertainty, sources = None, tuple[Source, ...]()
+        scatters = whole, column(simulated, "mu_sliding_se", of_simulated) / mu, none, none
+        of_simulated_runs = difference = np.zeros((mu.size, 0))
+    else:
+        rows = [uncertainty.runs.index(label) for label in labels]
+        # if the surface was built from these runs, an error of their reduction changes both
+        shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
+        present = {source.error for source in uncertainty.sources}
+        added = tuple(source for source in reduction_sources(shared) if source.error not in present)
+        sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
+        of_simulated_runs = np.hstack([uncertainty.simulated[rows], more])
+        difference = np.hstack([uncertainty.difference[rows], more])
+        of_reduction = [shared.get(source.error, none) for source in sources]
+        difference -= np.reshape(of_reduction, difference.T.shape).T
+        missed = np.zeros((2, mu.size))  # ln of the actual over the simulated setting
+        for k, names in enumerate(SETTINGS):
+            actual = np.abs(column(measured, names[0], of_measured))
+            nominal = np.abs(column(simulated, names[1], of_simulated))
+            is_known = (actual > 0.0) & (nominal > 0.0)
+            missed[k, is_known] = np.log(actual[is_known] / nominal[is_known])
+        by_setting = np.sum(uncertainty.by_setting[rows] * missed.T, axis=1)
+        own = own_errors(measured)
+        of_samples = scatter if own is None else np.nan_to_num(own[of_measured]) / mu
+        of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+        scatters = of_samples, of_surface, numerical, np.abs(by_setting)
+    u_validation = np.sqrt(np.sum(np.square([*scatters, *difference.T]), axis=0))
+    result = replace(result, u_validation=u_validation)
+    inputs, unknown = [scatters[1], scatters[3], *of_simulated_runs.T], np.full(mu.size, np.nan)
+    columns = {
+        "u_measured": whole * mu,
+        "u_input": unknown if uncertainty is None else mu * np.linalg.norm(inputs, axis=0),
+        "u_numerical": unknown if uncertainty is None else mu * scatters[2],
+        "u_validation": u_validation * mu,
+        "e_over_u": result.error_over_uncertainty,
+    }
+    parts = map(Scatter, SCATTERS, scatters)
+    ratio, rms = np.abs(result.error_over_uncertainty), result.rms_error_over_uncertainty
+    facts = {
+        "n": int(mu.size),
+        "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
+        "rms_e_over_u": rms if np.isfinite(rms) else None,
+        "inputs_known": uncertainty is not None,
+    }
+    notes = () if uncertainty else (UNKNOWN,)
+    rows_of_budget = budget("difference", sources, difference, *parts)
+    return result, Validation(columns, rows_of_budget, facts, notes)
 
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the largest contributions, in words."""
-    parts = {row["source"]: row["contribution_percent"] or 0.0 for row in rows}
-    parts.pop("combined", None)
-    largest = sorted(((x, name) for name, x in parts.items() if x > 0.0), key=lambda part: -part[0])
-    return ", ".join(f"{name} {x:.2g} %" for x, name in largest[:SHOWN])
+    """Return the largest contributions of a budget, in words."""
+    parts = [row for row in rows[:-1] if row["contribution_percent"] > 0.0]
+    parts.sort(key=lambda row: -row["contribution_percent"])
+    words = (f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN])
+    return ", ".join(words)

@@ -132,6 +132,8 @@ def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(pl
 def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     table = with_shared()
     table["shared_drift"] = np.zeros(table["mu_sliding"].size)
+    # a bench that missed its tension by 0.6 % of ln mu
+    table["initial_tension_N"] = 1.03 * table["nominal_tension_N"]
     simulated = {**friction(), "mu_sliding": 1.01 * table["mu_sliding"]}
     result = beltid.compare(table, simulated).result
     n = result.mu_measured.size
@@ -142,15 +144,22 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         runs=tuple(str(label) for label in simulated["run"]),
         simulated=column,
         difference=column,
-        scatter=np.zeros(n),
-        numerical=np.zeros(n),
-        by_setting=np.zeros((n, 2)),
+        scatter=np.full(n, 0.003),
+        numerical=np.full(n, 0.004),
+        by_setting=np.tile([0.006 / np.log(1.03), 1.0], (n, 1)),
     )
     _, found = validated(result, table, simulated, uncertainty)
+    mu, columns = result.mu_measured, found.columns
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
-    np.testing.assert_allclose(found.measured_scatter, own, rtol=1e-6)
-    np.testing.assert_allclose(found.u_validation, math.hypot(own, left), rtol=1e-6)
-    assert [source.error for source in found.sources] == ["shared_tail"]
+    of_budget = lines(found.budget)
+    assert of_budget["scatter of the measured runs"] == pytest.approx(100 * own, rel=1e-6)
+    np.testing.assert_allclose(
+        columns["u_validation"] / mu, math.hypot(own, left, 0.003, 0.004, 0.006), rtol=1e-6
+    )
+    of_inputs = math.hypot(0.003, 0.006, TAIL if known else 0.0)
+    np.testing.assert_allclose(columns["u_input"] / mu, of_inputs, rtol=1e-6)
+    np.testing.assert_allclose(columns["u_numerical"] / mu, 0.004, rtol=1e-6)
+    assert ("shape of the tail" in of_budget) == (left > 0.0)
 
 
 def test_runs_that_scatter_far_more_than_they_say_are_reported(plain):

@@ -10,21 +10,19 @@ from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
-from beltid.uncertainty.rig_runs import (
-    INPUTS,
-    MESH,
-    RigRuns,
-    input_slopes,
-    mesh_of,
-    residual_changes,
+from beltid.uncertainty.rig_runs import INPUTS, MESH, RigRuns, input_slopes, residual_changes
+from beltid.uncertainty.sources import (
+    SURFACE,
+    Errors,
+    reduction_sources,
+    stated_sources,
 )
-from beltid.uncertainty.sources import Errors, all_sources, reduction_sources
 
 
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
-    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    sources = stated_sources(GIVEN, SURFACE, len(SMALL.arcs_deg))
     return refine_surface(campaign, SMALL.speeds, sources)
 
 
@@ -32,8 +30,7 @@ def nominal():
 def slopes(nominal):
     """Derivatives of the runs by knots, inputs and speed, about the refined surface."""
     campaign, speeds = nominal.campaign, SMALL.speeds
-    points = campaign.measured.points
-    rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
+    rig = RigRuns(campaign, speeds, MESH)
     done = sweep(rig, nominal.curves, nominal.parameters)
     surfaces = nominal.curves.surfaces(nominal.parameters)
     return done, surfaces, input_slopes(campaign, surfaces, speeds, done.speed_slope)
@@ -62,14 +59,16 @@ def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slo
     done, surfaces, by_input = slopes
     expected = residual_changes(nominal.campaign, nominal.stated, by_input, done.speed_slope)
 
-    def difference(of):
-        points = of.measured.points
-        rig = RigRuns(of.bench, points, SMALL.speeds, mesh_of(of.bench, points, 1.0))
-        return np.log(of.measured.mu) - rig.log_mu(surfaces, done.speed_slope)
+    def difference(errors):
+        campaign = nominal.campaign
+        after = campaign.measured.corrected(errors)
+        of = replace(campaign, measured=after)
+        rig = RigRuns(of, SMALL.speeds, 1.0, campaign.inputs(after, errors))
+        return np.log(after.mu) - rig.log_mu(surfaces, done.speed_slope)
 
-    before = difference(nominal.campaign)
+    before = difference(Errors())
     for source, change in zip(nominal.stated, expected.T, strict=True):
-        found = difference(nominal.campaign.corrected(Errors.single(source))) - before
+        found = difference(Errors.single(source)) - before
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
 

@@ -21,7 +21,12 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import Campaign
-from beltid.uncertainty.sources import StandardUncertainties, all_sources, reduction_sources
+from beltid.uncertainty.sources import (
+    SURFACE,
+    StandardUncertainties,
+    reduction_sources,
+    stated_sources,
+)
 
 BELT, RIG, LAW = Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), NormalLaw(6.5e7, 3.0256e11)
 FORCE = np.geomspace(80.0, 40000.0, 60)
@@ -170,7 +175,7 @@ class Repetition:
 def repetition(design: Design, seed: int) -> Repetition:
     """A campaign read, refined and compared with the truth."""
     campaign = read_campaign(design, np.random.default_rng(seed))
-    stated = all_sources(design.given, len(design.arcs_deg), campaign.press.has_scatter)
+    stated = stated_sources(design.given, SURFACE, len(design.arcs_deg))
     sources = (*stated, *reduction_sources(campaign.measured.columns))
     found = refine_surface(campaign, design.speeds, sources).uncertainty
     f, force = found.surface.normal_force_N_m, campaign.measured.normal_force
