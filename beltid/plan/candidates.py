@@ -191,8 +191,8 @@ def simulate_candidates(
     if start is None:
         rough = np.log([0.2 * T_0.min() / R, 2.0 * T_0.max() / R])
         start = usual_surface(rough, np.log(speeds))
-    acting = acting_forces(RigRuns(campaign, np.unique(at), MESH), start)
-    log_force = knots_for(float(acting[:, 1].min()), float(acting[:, 2].max()), measured, KNOTS)
+    _, low, high = acting_forces(RigRuns(campaign, np.unique(at), MESH), start)
+    log_force = knots_for(low, high, measured, KNOTS)
     curves = Curves(log_force, np.log(speeds))
     present = usual_surface(log_force, curves.log_speed) if measured is None else measured
     log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()

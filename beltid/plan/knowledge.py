@@ -210,14 +210,14 @@ def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
 def prior_covariance(curves: Curves) -> Array:
     """Return the covariance of the knot values before any run (size, size), (P5)."""
     k, m = curves.log_force.size, curves.log_speed.size
-    parts = curves.coordinates()
+    parts = curves.parts
     z = curves.log_speed - curves.log_speed.mean()
     early, late = np.minimum.outer(z, z) - z[0], np.maximum.outer(z, z) - z[0]
     bend = np.square(early) * (3.0 * late - early) / 6.0
     level = LEVEL_WIDTH**2 + SPEED_SLOPE_WIDTH**2 * np.outer(z, z) + SPEED_BEND**2 * bend
     x = np.tile(curves.log_force - curves.log_force.mean(), m)
     covariance = np.kron(level, np.ones((k, k))) + FORCE_SLOPE_WIDTH**2 * np.outer(x, x)
-    for part in (CURVE, DIFFERENCE):
+    for part in {CURVE, DIFFERENCE} & set(parts):
         covariance = covariance + PRIORS[part].median ** 2 * parts[part] @ parts[part].T
     return np.asarray(covariance)
 

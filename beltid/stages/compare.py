@@ -224,9 +224,9 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an unseen arc has its own effect, with the same variance as the others
-    arc_sources = [source for source in solution.sources if source.error == ARC][:1]
+    arc_sources = [source for source in solution.uncertainty.sources if source.error == ARC][:1]
     of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
-    sources = with_sources(solution.sources, of_arcs)
+    sources = with_sources(solution.uncertainty.sources, of_arcs)
     of_fold = replace(campaign, measured=replace(measured, arc=arcs))
     of_fold = replace(of_fold, bench=replace(campaign.bench, surface=surface))
     part = simulated_uncertainty(of_fold, sources, same_bench=True)
@@ -242,7 +242,7 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         )
     force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
     beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
-    warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
+    warnings = tuple(f"without {fold.name}: {line}" for line in solution.warnings)
     return Predicted(fold, part, beyond, warnings)
 
 

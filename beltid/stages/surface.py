@@ -256,7 +256,7 @@ class Refinement:
 
 def with_covariance(found: RefinedSurface) -> FrictionSurface:
     """Return a refined surface with its covariance by source."""
-    names = [source.name for source in found.sources]
+    names = [source.name for source in found.uncertainty.sources]
     return found.surface.with_covariance(found.uncertainty.factor, names)
 
 
@@ -314,12 +314,13 @@ def refined(
         validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
+            *found.notes,
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
             *notes,
         ),
-        warnings=(*found.convergence_warnings(), *_disagreement(result)),
+        warnings=(*found.warnings, *_disagreement(result)),
     )
 
 
@@ -434,19 +435,13 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
             f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         )
-    for unusual in found.effects:
-        if unusual.is_unusual:
-            yield (
-                f"{EFFECTS[unusual.effect.key][0]}: larger than usual (standard deviation "
-                f"{percent(100 * unusual.largest_usual)}); the simulated rig may not fit"
-            )
     for name, size in contradictions(found).items():
         yield (
             f"{name}: the runs require an error of {size:.2g} standard uncertainties; it is stated "
             "wrongly, or the simulated rig does not describe this bench"
         )
-    for k in np.flatnonzero(found.fit.weight < 0.5):
-        yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
+    for k in np.flatnonzero(found.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
 
 
 def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:

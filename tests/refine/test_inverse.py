@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, sol
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
+from beltid.refine import inverse
 from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
 from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
@@ -71,10 +73,19 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
 def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
     found = solved("5pk", 0.005, SMALL)
-    posterior, q = found.fit.posterior, found.parameters.size
-    B = np.hstack(list(found.curves.coordinates().values()))
-    whole = B @ posterior.covariance[:q, :q] @ B.T
-    np.testing.assert_allclose(found.scatter + found.changes @ found.changes.T, whole, atol=1e-9)
+    gain, posterior, q = found.runs.gain(found.posterior), found.posterior, found.parameters.size
+    noise = gain[:q] * found.runs.variance(found.sizes) @ gain[:q].T
+    smoothed = np.eye(q) - gain[:q] @ found.runs.X
+    precision = found.runs.precision(found.sizes)
+    prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
+    own = noise + smoothed * prior @ smoothed.T
+    at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
+    expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
+    scatter = found.uncertainty.scatter
+    np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
+    whole = np.einsum("fvk,kl,fvl->fv", at_nodes, posterior.covariance[:q, :q], at_nodes)
+    total = np.sum(np.square(found.uncertainty.factor), axis=-1)
+    np.testing.assert_allclose(total, whole, atol=1e-9)
 
 
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
@@ -82,17 +93,21 @@ def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() ->
     found = refine_surface(campaign("5pk", speeds=TWO), TWO, sources)
     mean, sd = found.stated_errors()
     assert sd[0] < 0.3  # the runs show it better than it was stated
-    assert found.sources[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
+    assert found.uncertainty.sources[0].size == pytest.approx(
+        0.05 * math.hypot(mean[0], sd[0]), rel=1e-9
+    )
     assert abs(mean[0]) < 2.0 * sd[0]  # it was stated right
-    assert found.sources[1] == sources[1]  # a common gain does not show: it cancels in Eq. (6)
+    assert (
+        found.uncertainty.sources[1] == sources[1]
+    )  # a common gain does not show: it cancels in Eq. (6)
 
 
 def test_a_run_that_is_far_off_loses_its_weight() -> None:
     of = campaign("5pk", NOISE, TWO)
     mu = of.measured.mu * np.where(np.arange(N) == 7, 1.10, 1.0)
     refined = refine_surface(replace(of, measured=replace(of.measured, mu=mu)), TWO)
-    assert refined.fit.weight[7] < 0.1
-    assert np.mean(refined.fit.weight) > 0.95
+    assert refined.weight[7] < 0.1
+    assert np.mean(refined.weight) > 0.95
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.003
 
 
@@ -116,7 +131,7 @@ def test_arcs_that_differ_are_found_and_the_surface_says_so() -> None:
     of, effects = campaign("5pk", speeds=TWO), np.array([0.03, -0.03, 0.03])
     response = solved("5pk", speeds=SMALL).runs.response
     found = refine_surface(shifted(of, response * effects[of.measured.arc], NOISE), TWO)
-    arcs = found.effect(ARC).values  # type: ignore[union-attr]
+    arcs = found.posterior.of(ARC)[0]
     np.testing.assert_allclose(arcs - arcs.mean(), effects - effects.mean(), atol=0.001)
     error, se = at_nodes(found)
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.88
@@ -142,6 +157,22 @@ def test_runs_that_give_no_surface_are_refused() -> None:
         refine_surface(of, np.append(TWO, 0.5))
     with pytest.raises(InputError, match="at least 4"):
         refine_surface(replace(of, measured=rows(of.measured, np.arange(3))), TWO)
+
+
+def test_a_surface_that_only_a_finer_mesh_gives_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = inverse._solved
+
+    def fails_once(*arguments: Any) -> Any:
+        if arguments[-1] == inverse.MESHES[0]:
+            raise ConvergenceError("no convergence in 40 iterations")
+        return solve(*arguments)
+
+    monkeypatch.setattr(inverse, "_solved", fails_once)
+    found = refine_surface(campaign("5pk", NOISE, TWO[:1]), TWO[:1])
+    (note,) = found.notes
+    assert "2 times as many belt elements" in note
+    assert "no convergence in 40 iterations" in note
+    assert solved("5pk", speeds=SMALL).notes == ()
 
 
 @pytest.mark.long
