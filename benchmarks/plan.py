@@ -30,9 +30,14 @@ from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
-from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
-from beltid.plan.knowledge import knowledge_at, sources_of_plan
+from beltid.plan.candidates import (
+    NoiseLaw,
+    knowledge_at,
+    settings_of_rig,
+    simulate_candidates,
+    sources_of_plan,
+)
+from beltid.plan.design import Plan, Target, choose_plan, schedule, surface_target
 from beltid.refine.inverse import refine_surface
 from beltid.refine.posterior import BEFORE
 from beltid.rig.model import Bench
@@ -97,12 +102,10 @@ class SyntheticBench:
     law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
     kind: RigKind = TWO_CELLS
     runs: int = RUNS
-    settings: Settings = field(
-        default_factory=lambda: Settings(
-            (40.0, 68.0, 82.0),
-            (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
-            (0.05, 0.10, 0.21, 0.42, 0.84),
-        )
+    settings: tuple[tuple[float, ...], ...] = (
+        (40.0, 68.0, 82.0),
+        (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
+        (0.05, 0.10, 0.21, 0.42, 0.84),
     )
 
     @property
@@ -111,7 +114,7 @@ class SyntheticBench:
         return PressLaw(self.law, np.zeros((2, 2)), 1.2e-4, 0.04)
 
 
-SMALL_FACTORIAL = Settings((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))
+SMALL_FACTORIAL = ((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))
 BENCHES = {
     "5PK rig, usual class": SyntheticBench(stribeck, USUAL_CLASS),
     "5PK rig, poor class, bent surface": SyntheticBench(bent, POOR_CLASS),
@@ -122,7 +125,7 @@ BENCHES = {
         belt=Belt(0.8e5, 0.012, 0.08),
         rig=Rig(0.04, 0.12),
         law=NormalLaw(5.6e7, 2.2e11),
-        settings=Settings(
+        settings=(
             (60.0, 90.0, 120.0, 150.0),
             (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
             (0.03, 0.08, 0.2, 0.5, 1.3),
@@ -145,7 +148,7 @@ BENCHES = {
         rig=Rig(0.06, 0.15, given_force="slack"),
         law=NormalLaw(4.0e7, 1.5e11),
         kind=RigKind("dead_weight", weight_on="slack"),
-        settings=Settings((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
+        settings=((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
         runs=12,
     ),
     "torque and one cell, poor class, 12 runs": SyntheticBench(
@@ -164,8 +167,10 @@ BENCHES = {
         rig=Rig(0.038, 0.13, given_force="tight"),
         law=NormalLaw(5.0e7, 2.0e11),
         kind=RigKind("dead_weight", weight_on="tight"),
-        settings=Settings(
-            (75.0, 105.0, 135.0, 165.0), (60.0, 120.0, 200.0, 300.0, 400.0), (0.1, 0.25, 0.6, 1.4)
+        settings=(
+            (75.0, 105.0, 135.0, 165.0),
+            (60.0, 120.0, 200.0, 300.0, 400.0),
+            (0.1, 0.25, 0.6, 1.4),
         ),
     ),
 }
@@ -180,7 +185,7 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
 
     gain, gains = draw(u["tension_gain"]), [draw(u["cell_gain"]) for _ in range(2)]
     zeros, arc = [draw(u["cell_offset"]) for _ in range(2)], draw(u["arc"])
-    of_setting = [draw(u["arc_setting"]) for _ in bench.settings.arcs_deg]
+    of_setting = [draw(u["arc_setting"]) for _ in bench.settings[0]]
     belt = replace(
         bench.belt,
         EI=bench.belt.EI * (1.0 + draw(u["bending_stiffness"])),
@@ -196,13 +201,13 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
     k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
     f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
     level = bench.mu(f[:, None], v[None, :])
-    effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
+    effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings[0]]
     of_torque, drag = draw(u["torque_gain"]), draw(u["bearing_drag"])
     of_arc = [
         Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
         for effect in effects
     ]
-    points = bench.settings.points()
+    points = settings_of_rig(*bench.settings)
     arcs = np.array([math.degrees(point.beta) for point in points])
     number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
     tensions = []
@@ -264,11 +269,12 @@ def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) ->
 def planned(bench: SyntheticBench) -> tuple[Plan, Target]:
     """The plan before any run is made."""
     middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
-    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None, bench.kind)
-    sources = sources_of_plan(None, bench.given, bench.settings.arcs_deg, False)
+    points = settings_of_rig(*bench.settings)
+    candidates = simulate_candidates(middle, bench.press, points, None, bench.kind)
+    sources = sources_of_plan(None, bench.given, bench.settings[0], False)
     rows = candidates.rows(sources, bench.noise, {})
     before = knowledge_at(candidates.curves, None, len(sources))
-    f, v = candidates.measured.normal_force, candidates.measured.slip_speed
+    f, v = candidates.campaign.measured.normal_force, candidates.campaign.measured.slip_speed
     target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
     return choose_plan(before, rows, target, sources, bench.runs, 0.0), target
 
@@ -303,7 +309,8 @@ def main(draws: int = 20, part: str = "") -> None:
         clock = time.process_time()
         plan, target = planned(bench)
         clock = time.process_time() - clock
-        session = schedule(plan.chosen, bench.settings.combined(), 5.0, 30.0)
+        settings = [(p.beta, p.T_0, p.omega) for p in settings_of_rig(*bench.settings)]
+        session = schedule(plan.chosen, settings, 5.0, 30.0)
         rows = []
         for seed in range(draws):
             rng = np.random.default_rng(1000 + seed)
