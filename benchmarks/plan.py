@@ -43,7 +43,7 @@ from beltid.refine.posterior import BEFORE
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.simulated import Campaign
 from beltid.uncertainty.sources import ARC, SURFACE, StandardUncertainties, stated_sources
 
 Array = np.ndarray

@@ -36,7 +36,7 @@ from beltid.refine.posterior import (
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, residual_changes
+from beltid.uncertainty.simulated import Campaign, RigRuns, input_slopes, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,

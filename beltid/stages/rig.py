@@ -47,8 +47,12 @@ from beltid.stages.inputs import (
 from beltid.stages.workers import Workers, threads
 from beltid.tables import schemas
 from beltid.uncertainty.measured import PressLaw, numbered_arcs
-from beltid.uncertainty.rig_runs import Campaign, simulated_runs
-from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
+from beltid.uncertainty.simulated import (
+    Campaign,
+    RunsUncertainty,
+    simulated_runs,
+    simulated_uncertainty,
+)
 from beltid.uncertainty.sources import SURFACE, sources_of, stated_sources, with_sources
 
 if TYPE_CHECKING:

@@ -53,7 +53,7 @@ from beltid.uncertainty.measured import (
     published_uncertainty,
     valid_rows,
 )
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.simulated import Campaign
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,

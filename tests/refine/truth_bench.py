@@ -18,7 +18,7 @@ from beltid.params import Belt, Contact, GivenForce, Rig
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.simulated import Campaign
 
 TRUTH = Path(__file__).parents[1] / "truth"
 R = 0.05

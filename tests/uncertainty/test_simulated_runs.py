@@ -15,10 +15,11 @@ from beltid.params import Contact, OperatingPoint
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.rig_runs import Campaign, simulated_runs
 from beltid.uncertainty.simulated import (
     MESH_SHARE,
+    Campaign,
     RunsUncertainty,
+    simulated_runs,
     simulated_uncertainty,
 )
 from beltid.uncertainty.sources import RIG as RIG_

@@ -10,7 +10,7 @@ from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
-from beltid.uncertainty.rig_runs import INPUTS, MESH, RigRuns, input_slopes, residual_changes
+from beltid.uncertainty.simulated import INPUTS, MESH, RigRuns, input_slopes, residual_changes
 from beltid.uncertainty.sources import (
     SURFACE,
     Errors,

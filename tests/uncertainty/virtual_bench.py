@@ -20,7 +20,7 @@ from beltid.refine.inverse import refine_surface
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.simulated import Campaign
 from beltid.uncertainty.sources import (
     SURFACE,
     StandardUncertainties,
