@@ -1,26 +1,14 @@
 """What is known of the surface before a plan, and the settings of the rig as rows of its model.
 
-Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface
-(:mod:`beltid.refine.posterior`) at its usual sizes; the levels and the slope that roughness leaves
-free have a broad prior,
-
-    Sigma = s_c² B_c B_c' + s_d² B_d B_d' + K 1 1' + 0.15² x x',                             (P5)
-
-where K, the covariance of the levels of the speeds, has a level common to all, a slope over ln v,
-and a bend over ln v (an integrated Wiener process), and x = ln f_N less its mean. Additional knots
-of a measured surface follow from its nodes by the same prior: Gaussian with the mean
-Sigma_no Sigma_oo^-1 p_o and the covariance that this leaves. New runs are subject to the sources of
-error that the surface stores, as stated then, and to those that it does not have.
-
-Each setting is simulated once with the present surface. The rows J, S of the linear model are as
-for the refined surface: J from the sensitivities of the simulated rig, S as the change of measured
-less simulated ln mu by each shared error. The noise of a run is
+Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface at its
+usual sizes and a broad prior of level and slopes, (P5) of the theory page. Additional knots of a
+measured surface follow from its nodes by the same prior. Each setting is simulated once with the
+present surface; the rows J, S of (P1) are as for the refined surface, and the noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
 the scatter of the friction from run to run, the scatter of the tensions in Eq. (6), and the error
-of the simulated coefficient that the surface fit allows for. A run in the other direction has the
-same row, except that the two cells have changed places: a gain of a cell changes its sign.
+of the simulated coefficient that the surface fit allows for.
 """
 
 from __future__ import annotations

@@ -4,20 +4,12 @@ Run i of the rig is one observation of the linear model
 
     y_i = j_i p + s_i e + noise_i,    noise_i ~ N(0, v_i),    e ~ N(0, 1),                   (P1)
 
-with the parameters p of the surface (ln mu at its knots) and the errors e that runs share, in units
-of their standard uncertainties, which the surface fit cannot distinguish from friction. So two
-factors describe the present knowledge: the covariance Sigma of p by scatter, and the change C of p
-by each shared error. New runs (rows J, S, noise V) update both, in any order,
+with the parameters p of the surface and the errors e that runs share. The covariance Sigma of p by
+scatter, and the change C of p by each shared error, are what is known; new runs update both by
 
     G = Sigma J' (V + J Sigma J')^-1,  Sigma -> Sigma - G J Sigma,  C -> C + G (S - J C),    (P2)
 
-and the objective is the mean variance over the target with weights W, that of the refined surface:
-
-    u² = tr W (Sigma + C C').                                                                (P3)
-
-Runs of one arc follow each other. Within an arc the runs of a repeated setting are spread evenly,
-so that they show a drift; the others fill the gaps, up through every other setting and down through
-the remaining ones, so that a drift over time does not look like a trend over the tension.
+and the objective is the mean variance over a target of weights W, u² = tr W (Sigma + C C') (P3).
 """
 
 from __future__ import annotations

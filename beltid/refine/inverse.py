@@ -27,6 +27,7 @@ from beltid.identify.agreement import FEWEST_RUNS
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.posterior import (
+    BEFORE,
     SCATTER,
     SHARED_ERRORS,
     Curves,
@@ -410,6 +411,7 @@ def _weights(misfit: Array) -> Array:
 
 
 TOGETHER: Final = "together"
+WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
 LEAST_EVIDENCE: Final = math.log(20.0)
@@ -456,6 +458,13 @@ def contradictions(found: RefinedSurface) -> dict[str, float]:
     sizes = np.abs(found.stated_errors()[0]).tolist()
     rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
+
+
+def unusual_effects(found: RefinedSurface) -> dict[str, float]:
+    """Return effects larger than in 98 % of campaigns: key -> largest usual standard deviation."""
+    usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
+    numbers = {effect.key: found.posterior.of(effect.key)[0] for effect in found.runs.effects}
+    return {k: usual[k] for k, u in numbers.items() if np.sqrt(np.mean(np.square(u))) > usual[k]}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:

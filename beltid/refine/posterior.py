@@ -1,41 +1,16 @@
 """The runs of a campaign as a mixed model: surface, effects and noise, their sizes, the estimate.
 
-The values p of ln mu at common knots in ln f_N, a natural cubic spline for each speed, are
-
-    p = B h,    B = (levels and slope, curve, difference),
-
-with a level for each speed and a slope that all share (free), a curve that all speeds share, and
-the differences in slope between speeds. With h ~ N(0, 1) the curve has a white second derivative
-over ln f_N of unit intensity, and the differences have a slope over ln f_N that is white in ln f_N
-and in ln v: the integrals of (d² ln mu / d(ln f)²)² and of (d² ln mu / d ln f d ln v)² are h' h.
-Beyond the knots the nearest value applies. The runs follow
+The values p = B h of ln mu at common knots in ln f_N, a natural cubic spline for each speed, have
+free levels and a free slope, a curve that all speeds share and differences in slope between speeds
+(theory page, "The inverse problem"). About simulated runs, y the measured less the simulated ln mu,
 
     y = X h + sum_e Z_e u_e + noise,    noise ~ N(0, s² e² + s_r² r²),
 
-y the measured less the simulated ln mu, about simulated runs; level and slope are free, curve and
-difference are normal with a size each; Z_e the effects of the campaign with a size each; e the
-standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of the
-friction from run to run. :mod:`beltid.mixed` finds the sizes; all of them have priors. An effect is
-a factor on the whole surface:
-
-- *Arcs*: one number for each setting, for a wear track or an incorrectly set arc.
-- *Run order*: run-in or wear. A steady change from the first run to the last, and its curvature:
-  with x from -1 to 1 over the campaign and the Legendre polynomials P_k,
-
-      u P_1(x)/2    and    sum_k u_k P_k(x)/k²,    k = 2, 3, 4.
-
-  Their means over the campaign are zero, so the surface is that of mid-campaign.
-- *Temperature*: theta (T - T_ref)/10 K, T_ref the mean of the runs or, where the user states that
-  temperature is the cause (the prior of the order is then small), that to which is corrected.
-
-Two or three arcs determine the size of their differences poorly: it is the half-width of the
-interval that holds a difference with a probability of 68 %, over all sizes that the arcs leave
-possible (intervals of 95 % then hold at least 71, 81 and 86 % with two, three and four arcs).
-
-Errors that the runs share are no part of the estimate, or every trace of a model error would be
-taken for an error of the bench (three virtual belts: 0.23, 0.41 and 0.24 % of error in place of
-0.07, 0.09 and 0.06 %). They are in its uncertainty. What the runs say of them is found beside it,
-by the same model with the errors S e as one more term, e ~ N(0, 1).
+with the effects Z_e of arcs, run order and temperature as factors on the whole surface, the
+standard error e of a run, its sensitivity r to a factor on the surface, and the scatter s_r of the
+friction. :mod:`beltid.mixed` finds the sizes. Errors that the runs share are no part of the
+estimate, or every trace of a model error would be taken for an error of the bench; what the runs
+say of them is found beside it, by the same model with these errors as one more term.
 """
 
 from __future__ import annotations

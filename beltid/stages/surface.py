@@ -29,6 +29,7 @@ from beltid.refine.inverse import (
     contradictions,
     refine_surface,
     shown_effects,
+    unusual_effects,
 )
 from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
@@ -434,6 +435,11 @@ def _disagreement(result: Refinement) -> Iterator[str]:
         yield (
             f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
             f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
+        )
+    for key, usual in unusual_effects(found).items():
+        yield (
+            f"{EFFECTS[key][0]}: larger than usual (standard deviation {percent(100 * usual)}); "
+            "the simulated rig may not fit"
         )
     for name, size in contradictions(found).items():
         yield (

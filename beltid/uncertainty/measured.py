@@ -1,15 +1,7 @@
 """Reduced runs of a friction rig and the contact law of a press, and their correction for errors.
 
-With relative errors e_F of the force gain, e_x of the travel gain, e_L of the segment length and
-e_k of the law in service, the coefficients of the contact law, Eq. (3), are
-
-    k_linear -> k_linear (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)),
-    k_quadratic -> k_quadratic (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)²).
-
-An error c of the machine compliance moves a point of force f per length by c L f along the travel;
-the change of the coefficients is the projection of f'(delta) c L f on (delta, delta², f'(delta)),
-as the contact point is free. The procedure of the published surface is repeated with each error
-corrected; a change is taken at the moved node and shifted back along the slope of the surface.
+The procedure of the published surface is repeated with each error corrected; a change is taken at
+the moved node and shifted back along the slope of the surface.
 """
 
 from __future__ import annotations
@@ -75,7 +67,11 @@ class PressLaw:
         return bool(np.any(self.covariance != 0.0))
 
     def coefficients(self, errors: Errors) -> Array:
-        """Return the coefficients (2,) with errors corrected; negative ones become zero."""
+        """Return the coefficients (2,) with errors corrected; negative ones become zero.
+
+        Force and segment length scale both of Eq. (3), a gain of the travel divides them by
+        (1 + e) and (1 + e)².
+        """
         k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
         k = k + root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
@@ -90,7 +86,11 @@ class PressLaw:
         return NormalLaw(*self.coefficients(errors).tolist())
 
     def _per_compliance(self) -> Array:
-        """Return the change of the coefficients (2,) per corrected compliance [m/N]."""
+        """Return the change of the coefficients (2,) per corrected compliance [m/N].
+
+        A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
+        f is projected on (delta, delta², f'(delta)), as the contact point is free.
+        """
         delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
         slope, force = self.law.stiffness(delta), self.law.force(delta)
         present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0

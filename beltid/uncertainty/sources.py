@@ -4,11 +4,7 @@ A source is one number that is wrong by an unknown amount *for all runs that sha
 calibration of the cells for all runs, the setting of an arc for the runs at that arc, the law of
 the press for the whole surface. Many runs do not average it out. Noise of the samples is no source;
 it is in the standard error of each run. Sign: an error is the true value minus the value used,
-relative to it or in its unit.
-
-A budget names, compares and combines every contribution (JCGM 100): by its root mean square over
-the values of a result (runs, nodes) and by its largest one, relative to the result. The combined
-uncertainty is the root of the sum of squares at each value.
+relative to it or in its unit. A budget adds all contributions in squares (JCGM 100).
 """
 
 from __future__ import annotations
