@@ -404,57 +404,57 @@ def validated(
         """Return the values of a column; zero where they are missing."""
         return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
-    scatter = column(measured, "mu_sliding_se", of_measured) / mu
-    of_runs = column(measured, "mu_sliding_u", of_measured) / mu
-    whole = np.where(of_runs > 0.0, of_runs, scatter)
+    own, shared = own_errors(measured), shared_columns(measured)
+    whole = column(measured, "mu_sliding_u", of_measured) / mu
+    of_runs = column(measured, "mu_sliding_se", of_measured) / mu
+    whole = np.where(whole > 0.0, whole, of_runs)
+    of_runs = of_runs if own is None else np.nan_to_num(own[of_measured]) / mu
     labels = [str(simulated["run"][i]) for i in of_simulated]
-    if uncertainty is None or not set(labels) <= set(uncertainty.runs):
-        uncertainty, sources = None, tuple[Source, ...]()
-        scatters = whole, column(simulated, "mu_sliding_se", of_simulated) / mu, none, none
-        of_simulated_runs = difference = np.zeros((mu.size, 0))
-    else:
-        rows = [uncertainty.runs.index(label) for label in labels]
-        # if the surface was built from these runs, an error of their reduction changes both
-        shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
-        present = {source.error for source in uncertainty.sources}
-        added = tuple(source for source in reduction_sources(shared) if source.error not in present)
-        sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
-        of_simulated_runs = np.hstack([uncertainty.simulated[rows], more])
-        difference = np.hstack([uncertainty.difference[rows], more])
-        of_reduction = [shared.get(source.error, none) for source in sources]
-        difference -= np.reshape(of_reduction, difference.T.shape).T
-        missed = np.zeros((2, mu.size))  # ln of the actual over the simulated setting
-        for k, names in enumerate(SETTINGS):
-            actual = np.abs(column(measured, names[0], of_measured))
-            nominal = np.abs(column(simulated, names[1], of_simulated))
-            is_known = (actual > 0.0) & (nominal > 0.0)
-            missed[k, is_known] = np.log(actual[is_known] / nominal[is_known])
-        by_setting = np.sum(uncertainty.by_setting[rows] * missed.T, axis=1)
-        own = own_errors(measured)
-        of_samples = scatter if own is None else np.nan_to_num(own[of_measured]) / mu
-        of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
-        scatters = of_samples, of_surface, numerical, np.abs(by_setting)
-    u_validation = np.sqrt(np.sum(np.square([*scatters, *difference.T]), axis=0))
-    result = replace(result, u_validation=u_validation)
-    inputs, unknown = [scatters[1], scatters[3], *of_simulated_runs.T], np.full(mu.size, np.nan)
+    is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
+    if uncertainty is None or not is_known:
+        shared, of_runs, nothing = {}, whole, np.zeros((mu.size, 0))
+        scatter = column(simulated, "mu_sliding_se", of_simulated) / mu
+        arrays = nothing, nothing, scatter, none, np.zeros((mu.size, 2))
+        uncertainty = RunsUncertainty((), tuple(labels), *arrays)
+    rows = [uncertainty.runs.index(label) for label in labels]
+    # if the surface was built from these runs, an error of their reduction changes both
+    present = {source.error for source in uncertainty.sources}
+    added = [source for source in reduction_sources(shared) if source.error not in present]
+    sources = (*uncertainty.sources, *added)
+    of_reduction = [shared[s.error][of_measured] if s.error in shared else none for s in sources]
+    inputs, both = (
+        np.vstack([changes[rows].T, np.zeros((len(added), mu.size))])
+        for changes in (uncertainty.simulated, uncertainty.difference)
+    )
+    difference = both - np.reshape(of_reduction, both.shape)
+    missed = none
+    for slope, names in zip(uncertainty.by_setting[rows].T, SETTINGS, strict=True):
+        actual = np.abs(column(measured, names[0], of_measured))
+        nominal = np.abs(column(simulated, names[1], of_simulated))
+        both_known = (actual > 0.0) & (nominal > 0.0)
+        ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
+        missed = missed + slope * np.log(ratio)
+    of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+    scatters = of_runs, of_surface, numerical, np.abs(missed)
+    u_validation = np.linalg.norm([*scatters, *difference], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *inputs], axis=0)
+    result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
+    rms = result.rms_error_over_uncertainty
     columns = {
         "u_measured": whole * mu,
-        "u_input": unknown if uncertainty is None else mu * np.linalg.norm(inputs, axis=0),
-        "u_numerical": unknown if uncertainty is None else mu * scatters[2],
+        "u_input": u_input * known,
+        "u_numerical": numerical * known,
         "u_validation": u_validation * mu,
         "e_over_u": result.error_over_uncertainty,
     }
-    parts = map(Scatter, SCATTERS, scatters)
-    ratio, rms = np.abs(result.error_over_uncertainty), result.rms_error_over_uncertainty
     facts = {
         "n": int(mu.size),
-        "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
+        "within_2u": int(np.count_nonzero(np.abs(columns["e_over_u"]) <= WITHIN)),
         "rms_e_over_u": rms if np.isfinite(rms) else None,
-        "inputs_known": uncertainty is not None,
+        "inputs_known": is_known,
     }
-    notes = () if uncertainty else (UNKNOWN,)
-    rows_of_budget = budget("difference", sources, difference, *parts)
-    return result, Validation(columns, rows_of_budget, facts, notes)
+    lines = budget("difference", sources, difference.T, *map(Scatter, SCATTERS, scatters))
+    return result, Validation(columns, lines, facts, () if is_known else (UNKNOWN,))
 
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
