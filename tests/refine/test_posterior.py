@@ -61,6 +61,14 @@ def test_the_estimate_is_that_of_generalised_least_squares() -> None:
     np.testing.assert_allclose(model.gain(found)[:q] @ model.y, expected, atol=1e-8)
 
 
+def test_a_common_error_passes_whole_whatever_the_noise() -> None:
+    model, _ = with_data(runs(), 2)
+    for noise in (0.1, 1.0, 10.0):
+        found = model.model().at({**SIZES, NOISE: noise, ARC: 1e-9})
+        level = B @ model.gain(found)[: len(B)] @ model.response
+        np.testing.assert_allclose(level, 1.0, rtol=1e-6)
+
+
 def test_the_misfit_is_least_at_the_estimate_whatever_the_effects_take() -> None:
     """It falls along every step to it, so that a search by it cannot turn in a circle."""
     model, sizes = with_data(runs(), 2, np.array([0.03, -0.01, 0.0]))[0], {**SIZES, ARC: 0.01}
