@@ -22,8 +22,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, ConvergenceError, InputError, percent
-from beltid.identify.agreement import FEWEST_RUNS
+from beltid.errors import BeltidError, ConvergenceError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.posterior import (
@@ -136,7 +135,7 @@ def refine_surface(
     campaign : Campaign
         Runs at all arcs, and bench with the initial surface (from the published procedure).
     speeds : ndarray, shape (m,)
-        Speed settings [m/s], increasing; each run belongs to the nearest one.
+        Speed settings [m/s], increasing; each run belongs to the nearest one, each has runs.
     sources : sequence of Source
         Errors that runs share.
     reference_degC : float, optional
@@ -144,15 +143,11 @@ def refine_surface(
 
     Raises
     ------
-    InputError
-        If there are too few runs.
     ConvergenceError
         If a run cannot be simulated, or the iteration does not converge.
     """
-    measured, n, notes = campaign.measured, campaign.measured.mu.size, list[str]()
-    if n < FEWEST_RUNS:
-        raise InputError(f"{n} runs to refine a surface from, at least {FEWEST_RUNS} are needed")
-    effects = campaign_effects(measured, reference_degC)
+    n, notes = campaign.measured.mu.size, list[str]()
+    effects = campaign_effects(campaign.measured, reference_degC)
     try:
         problem, first, fit = _solved(campaign, speeds, effects, MESHES[0])
     except ConvergenceError as error:
@@ -192,7 +187,7 @@ def refine_surface(
             sources=(*left, *of_effects),
             changes=problem.curves.at_nodes(problem.forces, B @ shared),
             scatter=problem.curves.at_nodes(problem.forces, factor_of(B @ own @ B.T)),
-            arcs_deg=measured.arcs_deg,
+            arcs_deg=campaign.measured.arcs_deg,
             degrees_of_freedom=max(n - float(np.sum(gain * posterior.model.X[:, 0].T)), 1.0),
         ),
         curves=problem.curves,
@@ -217,9 +212,6 @@ def _solved(
 ) -> tuple[Problem, Fit, Fit]:
     """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
     rig = RigRuns(campaign, speeds, finer)
-    empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
-    if empty:
-        raise InputError(f"no run at the speeds {', '.join(empty)}")
     first = Problem(rig, campaign.bench.surface, campaign.measured, effects)
     near = first.solved(campaign.bench.surface)
     start = first.tabulated(first.curves.B @ near.coordinates)
@@ -346,7 +338,8 @@ class Problem:
         try:
             done = sweep(self.rig, self.curves, self.curves.B @ at)
             before = done.log_mu
-            for iteration in range(1, MOST_ITERATIONS + 1):
+            while iteration < MOST_ITERATIONS:
+                iteration += 1
                 fresh = choices < CHOICES and share in (0.0, 1.0)
                 if fresh:
                     weight, response = _weights(residual), done.J.sum(axis=1)
@@ -354,41 +347,41 @@ class Problem:
                 runs = self.linearised(done, at, weight, response)
                 posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
                 converged = posterior.converged if fresh else converged
-                sizes, posterior = posterior.sizes, replace(posterior, converged=converged)
+                sizes, last = posterior.sizes, choices == CHOICES
                 residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-                step = posterior.mean[: at.size] - at
-                # effect of the step on the data: knots that carry no load may drift
-                effect = runs.X @ step
-                change, share = float(np.max(np.abs(effect))), 0.0
-                ended = change <= TOLERANCE
-                if not ended:
-                    gain = runs.misfit(effect, step, sizes)
-                    share, at, done = self._descend(at, step, done, runs, sizes)
-                    ended = share == 0.0 and gain <= NOTHING
-                last = choices == CHOICES
-                if ended and (fresh or last):
-                    return Fit(at, done, runs, posterior, weight, before, iteration)
-                if share == 0.0 and last:
+                share, at, done, change, gain = self._descend(at, done, runs, posterior)
+                ended = share == 0.0 and gain <= NOTHING and (fresh or last)
+                change = 0.0 if ended else change
+                if ended or (share == 0.0 and last):
                     break
         except BeltidError as error:
             raise ConvergenceError(
                 [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
             ) from error
-        if change <= NEARLY:
-            return Fit(at, done, runs, posterior, weight, before, iteration, change)
-        raise ConvergenceError(
-            f"refined surface: no convergence in {iteration} iterations (last change of mu "
-            f"{100 * change:.2g} %)",
-        )
+        if change > NEARLY:
+            raise ConvergenceError(
+                f"refined surface: no convergence in {iteration} iterations (last change of mu "
+                f"{100 * change:.2g} %)",
+            )
+        posterior = replace(posterior, converged=converged)
+        return Fit(at, done, runs, posterior, weight, before, iteration, change)
 
     def _descend(
-        self, at: Array, step: Array, done: Sweep, runs: LinearRuns, sizes: Sizes
-    ) -> tuple[float, Array, Sweep]:
-        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has."""
+        self, at: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
+    ) -> tuple[float, Array, Sweep, float, float]:
+        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
+
+        Returned are it, where it leads, and of the whole step the largest change of ln mu of a run
+        and the decrease of the misfit; knots that carry no load may drift.
+        """
+        step, sizes = posterior.mean[: at.size] - at, posterior.sizes
         effect = runs.X @ step
-        required = 2.0 * DECREASE * runs.misfit(effect, step, sizes)
+        change = float(np.max(np.abs(effect)))
+        if change <= TOLERANCE:
+            return 0.0, at, done, change, 0.0
+        gain = runs.misfit(effect, step, sizes)
         initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
-        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(effect))))
+        share = min(1.0, LARGEST_CHANGE / change)
         for last in np.arange(HALVINGS) == HALVINGS - 1:
             trial = at + share * step
             try:
@@ -398,10 +391,10 @@ class Problem:
                     raise
             else:
                 misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
-                if misfit <= initial - share * required:
-                    return share, trial, simulated
+                if misfit <= initial - share * 2.0 * DECREASE * gain:
+                    return share, trial, simulated, change, gain
             share *= 0.5
-        return 0.0, at, done
+        return 0.0, at, done, change, gain
 
 
 def _weights(misfit: Array) -> Array:

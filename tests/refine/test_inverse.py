@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, solved, true_mu
 
-from beltid.errors import ConvergenceError, InputError
+from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
 from beltid.refine import inverse
@@ -149,14 +149,6 @@ def test_one_speed_and_one_arc() -> None:
     force = np.geomspace(2000.0, 7000.0, 20)
     expected = true_mu("5pk", force, 0.0105)
     np.testing.assert_allclose(refined.surface.mu(force, 0.0105), expected, rtol=0.01)
-
-
-def test_runs_that_give_no_surface_are_refused() -> None:
-    of = campaign("5pk", speeds=TWO)
-    with pytest.raises(InputError, match=r"0\.5 m/s"):
-        refine_surface(of, np.append(TWO, 0.5))
-    with pytest.raises(InputError, match="at least 4"):
-        refine_surface(replace(of, measured=rows(of.measured, np.arange(3))), TWO)
 
 
 def test_a_surface_that_only_a_finer_mesh_gives_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
