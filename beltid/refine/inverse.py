@@ -84,14 +84,18 @@ class RefinedSurface:
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign
     stated: tuple[Source, ...]  # errors that runs share, as stated
+    stated_errors: tuple[Array, Array]
+    """What the runs say of them: mean and standard deviation in standard uncertainties, (K'')."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
     posterior: Posterior  # estimate of surface and effects
-    told: Posterior  # what the runs say of the errors that they share as well
     covariance: Array  # of surface and effects, by noise and errors that runs share, (k, k)
     weight: Array  # of the runs: 1, less for outliers, (n,)
     misfit_before: Array  # simulated over measured mu minus one, with the initial surface, (n,)
     misfit_after: Array  # with the refined one
     iterations: int  # Gauss–Newton iterations
+    noise_scale: float
+    """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
+    effective_parameters: float  # number of parameters that the data determine
     notes: tuple[str, ...]  # how the solution was found, where it was not as usual
     warnings: tuple[str, ...]  # a sentence for each iteration that did not converge
 
@@ -99,27 +103,6 @@ class RefinedSurface:
     def sizes(self) -> Sizes:
         """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
         return self.posterior.sizes
-
-    @property
-    def noise_scale(self) -> float:
-        """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
-        ratio = self.runs.variance(self.sizes) / np.square(self.runs.errors)
-        return float(np.sqrt(np.mean(ratio)))
-
-    @property
-    def effective_parameters(self) -> float:
-        """Number of parameters that the data determine."""
-        return float(np.sum(self.runs.gain(self.posterior) * self.posterior.model.X[:, 0].T))
-
-    def stated_errors(self) -> tuple[Array, Array]:
-        """Return mean and standard deviation of each stated error by the runs (K'').
-
-        Both are in stated standard uncertainties.
-        """
-        if not self.stated:
-            return np.zeros(0), np.zeros(0)
-        mean, covariance = self.told.of(SHARED_ERRORS)
-        return mean, np.sqrt(np.diag(covariance))
 
 
 def refine_surface(
@@ -156,18 +139,19 @@ def refine_surface(
         notes.append(
             f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
         )
-    B, posterior, q = problem.curves.B, fit.posterior, fit.coordinates.size
-    parameters, changes = B @ fit.coordinates, np.zeros((n, len(sources)))
+    curves, posterior, q = problem.curves, fit.posterior, fit.coordinates.size
+    parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
+    told, left, runs = (np.zeros(0), np.zeros(0)), list(sources), fit.runs
     if sources:
-        by_speed, surfaces = fit.sweep.speed_slope, problem.curves.surfaces(parameters)
+        by_speed, surfaces = fit.sweep.speed_slope, curves.surfaces(parameters)
         slopes = input_slopes(campaign, surfaces, problem.rig.speeds, by_speed)
         changes = residual_changes(campaign, sources, slopes, by_speed)
-    runs = replace(fit.runs, shared=-changes)
-    told, left = runs.model().at(posterior.sizes), list(sources)
+        runs = replace(runs, shared=-changes)
+        mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
+        told = mean, np.sqrt(np.diag(covariance))
     for k, source in enumerate(sources):
         if source.error == "bending_stiffness":  # with what the runs leave of its error
-            mean, covariance = told.of(SHARED_ERRORS)
-            share = min(1.0, math.hypot(mean[k], math.sqrt(covariance[k, k])))
+            share = min(1.0, math.hypot(told[0][k], told[1][k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
     gain, by_effect, of_effects = runs.gain(posterior), [np.zeros((n, 0))], list[Source]()
@@ -175,33 +159,38 @@ def refine_surface(
         size = posterior.sizes[effect.key]
         of_effects += effect_sources(effect.key, size, effect.columns.shape[1])
         by_effect.append(size * effect.columns)
-    estimate = posterior.covariance[:q, :q]
     shared = gain[:q] @ np.hstack([changes, *by_effect])
-    own = estimate - shared[:, len(sources) :] @ shared[:, len(sources) :].T
-    by_errors = gain @ changes
-    surface = problem.tabulated(parameters, B @ estimate @ B.T)
+    own = posterior.covariance[:q, :q] - shared[:, len(sources) :] @ shared[:, len(sources) :].T
+    by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
+    noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
+    scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
+    of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
+    surface = problem.tabulated(parameters, np.linalg.norm(of_fit, axis=-1))
     return RefinedSurface(
         surface=surface,
         uncertainty=SurfaceUncertainty(
             surface=surface,
             sources=(*left, *of_effects),
-            changes=problem.curves.at_nodes(problem.forces, B @ shared),
-            scatter=problem.curves.at_nodes(problem.forces, factor_of(B @ own @ B.T)),
+            changes=at_nodes,
+            scatter=scatter,
             arcs_deg=campaign.measured.arcs_deg,
-            degrees_of_freedom=max(n - float(np.sum(gain * posterior.model.X[:, 0].T)), 1.0),
+            degrees_of_freedom=max(n - effective, 1.0),
         ),
-        curves=problem.curves,
+        curves=curves,
         parameters=parameters,
         campaign=campaign,
         stated=tuple(sources),
+        stated_errors=told,
         runs=runs,
         posterior=posterior,
-        told=told,
         covariance=posterior.covariance + by_errors @ by_errors.T,
         weight=fit.weight,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
         iterations=first.iterations + fit.iterations,
+        noise_scale=float(np.sqrt(np.mean(noise))),
+        effective_parameters=effective,
         notes=tuple(notes),
         warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
     )
@@ -305,12 +294,10 @@ class Problem:
         self.log_mu = np.log(measured.mu)
         self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
 
-    def tabulated(self, parameters: Array, covariance: Array | None = None) -> FrictionSurface:
-        """Tabulate the curves at the nodes, with standard errors if the covariance is known."""
-        mu, se = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0]), None
-        if covariance is not None:
-            factor = self.curves.at_nodes(self.forces, factor_of(covariance))
-            se = mu * np.linalg.norm(factor, axis=-1)
+    def tabulated(self, parameters: Array, relative: Array | None = None) -> FrictionSurface:
+        """Tabulate the curves at the nodes, with relative standard errors if they are known."""
+        mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
+        se = None if relative is None else mu * relative
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
     def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
@@ -448,7 +435,7 @@ class ShownEffect:
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = np.abs(found.stated_errors()[0]).tolist()
+    sizes = np.abs(found.stated_errors[0]).tolist()
     rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
 

@@ -472,7 +472,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
+    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
         if source.error == "bending_stiffness":
             yield (
                 f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
