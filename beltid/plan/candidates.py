@@ -207,19 +207,8 @@ def simulate_candidates(
 ) -> Candidates:
     """Simulate each setting once with the present surface, and differentiate it.
 
-    Parameters
-    ----------
-    bench, press, kind
-        Belt and rig (its surface is not used), its contact law, and what it measures.
-    points : sequence of OperatingPoint
-        Available settings of the rig.
-    known : SurfaceUncertainty or None
-        The present surface; None before any run, which takes the mean of the prior.
-
-    Raises
-    ------
-    ConvergenceError
-        If a setting has no sliding state.
+    Before any run (`known` None) that is the mean of the prior; the surface of the bench is not
+    used. Raises `ConvergenceError` if a setting has no sliding state.
     """
     surface, known_arcs = (None, ()) if known is None else (known.surface, known.arcs_deg)
     arc = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs)[0]

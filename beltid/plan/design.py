@@ -256,21 +256,12 @@ def choose_plan(
     goal: float,
     can_reverse: bool = False,
 ) -> Plan:
-    """Choose the fewest runs that reach the goal; none if they are not worth their time.
+    """Choose the fewest runs that reach the goal, at most `count`; none if not worth their time.
 
-    Parameters
-    ----------
-    before, runs, target
-        Present knowledge of the surface, the candidates, and where it must be known.
-    sources : sequence of Source
-        The shared errors, in the order of the columns.
-    count : int
-        Largest number of runs, >= 1.
-    goal : float
-        Root of the mean variance of ln mu over the target that is accurate enough [-].
-    can_reverse : bool
-        Whether runs in the other direction may be planned. They are where the gain of the cells is
-        the error whose better statement would help most: it changes its sign with the direction.
+    `goal` is the root of the mean variance of ln mu over the target that is accurate enough [-];
+    the sources are in the order of the columns. Runs in the other direction are planned, if they
+    may be, where the gain of the cells is the error whose better statement would help most: it
+    changes its sign with the direction.
     """
     W, chosen = target.W, list[int]()
     now = before.variance(W)

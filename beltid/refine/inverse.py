@@ -113,21 +113,11 @@ def refine_surface(
 ) -> RefinedSurface:
     """Find the surface for which the simulated rig gives every measured coefficient.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Runs at all arcs, and bench with the initial surface (from the published procedure).
-    speeds : ndarray, shape (m,)
-        Speed settings [m/s], increasing; each run belongs to the nearest one, each has runs.
-    sources : sequence of Source
-        Errors that runs share.
-    reference_degC : float, optional
-        Temperature to which the surface is corrected [°C]; by default that of the runs.
-
-    Raises
-    ------
-    ConvergenceError
-        If a run cannot be simulated, or the iteration does not converge.
+    The campaign has runs at all arcs and a bench with the initial surface (from the published
+    procedure); each run belongs to the nearest of the `speeds` [m/s], increasing, of which each has
+    runs. `sources` are the errors that runs share, `reference_degC` the temperature to which the
+    surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
+    simulated, or if the iteration does not converge.
     """
     n, notes = campaign.measured.mu.size, list[str]()
     effects = campaign_effects(campaign.measured, reference_degC)

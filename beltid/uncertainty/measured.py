@@ -42,7 +42,6 @@ from beltid.uncertainty.sources import (
     SurfaceUncertainty,
     budget,
     changes_by,
-    combined,
     reduction_sources,
     stated_sources,
 )
@@ -410,7 +409,7 @@ def friction_uncertainty(
     for value, change, (quantity, name) in zip(values, changes, QUANTITIES.items(), strict=True):
         relative = change / value[:, None]
         own = scatter if quantity == "mu_sliding" else 0.0 * scatter
-        u[name][rows] = value * combined(relative, own)
+        u[name][rows] = value * np.hypot(np.linalg.norm(relative, axis=1), own)
         lines += budget(quantity, sources, relative, Scatter("scatter of the samples", own))
     return u, lines
 
@@ -430,7 +429,7 @@ def stiffness_uncertainty(
         press = PressLaw(NormalLaw(*k), np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
         changes = changes_by(sources, press.coefficients) / size[:, None]
         scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
-        u[i] = size * combined(changes, scatter)
+        u[i] = size * np.hypot(np.linalg.norm(changes, axis=1), scatter)
         freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
     rows: list[dict[str, Any]] = []
     for name, change, own in zip(

@@ -142,7 +142,7 @@ class RigRuns:
             of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
             point = OperatingPoint(beta, T_0, self.speeds[self.label[i]] / R)
             if isinstance(mesh, float):
-                own: int | RigModel = even(mesh * (of_run.model(point).nodes.size - 1))
+                own: int | RigModel = 2 * round(0.5 * mesh * (of_run.model(point).nodes.size - 1))
             else:
                 own = mesh[i]
             self.models.append(of_run.model(point, own))
@@ -177,11 +177,6 @@ class RigRuns:
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
             yield run, slide(run, laid), surfaces[j]
-
-
-def even(number: float) -> int:
-    """Round a number of elements to an even one."""
-    return 2 * round(0.5 * number)
 
 
 def input_slopes(
@@ -288,23 +283,11 @@ def simulated_uncertainty(
 ) -> RunsUncertainty:
     """Compute the uncertainty of simulated runs (sliding limit), without labels.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Settings and coefficients of the simulated recordings; the bench with its surface, whose
-        covariance, if it has one, contributes its shared errors.
-    sources : sequence of Source
-        Errors; the first ones belong to the columns of the surface's factor.
-    elements : int, optional
-        Belt elements; by default as in the simulation.
-    same_bench : bool
-        Whether the surface is of this bench and the coefficients were measured at these settings:
-        its inputs are then without error, and no source may be one of the bench.
-
-    Raises
-    ------
-    ConvergenceError
-        If a run cannot be simulated.
+    The campaign has settings and coefficients of the simulated recordings, and the bench with its
+    surface, whose covariance, if it has one, contributes its shared errors: the first sources are
+    those of its factor. On the `same_bench` the coefficients were measured on the bench of the
+    surface, at these settings: its inputs are then without error, and no source may be one of the
+    bench. Raises `ConvergenceError` if a run cannot be simulated.
     """
     surface, n = campaign.bench.surface, campaign.measured.mu.size
     speeds = np.unique(campaign.measured.slip_speed)

@@ -21,10 +21,7 @@ from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
-STATED: Final = "stated"
-ASSUMED: Final = "assumed"
-FITTED: Final = "fitted"
-
+STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
 PERCENT: Final = ("%", 0.01)
 DEGREE: Final = ("deg", math.pi / 180.0)
 NEWTON: Final = ("N", 1.0)
@@ -178,10 +175,8 @@ def stated_sources(
             if result in kind.results and (size := u[kind.error]) > 0.0:
                 basis = STATED if kind.error in u.stated else ASSUMED
                 n = kind.places if isinstance(kind.places, int) else counts[kind.places]
-                of_kind = (
-                    Source(kind.name, kind.error, k, size, *kind.unit, basis) for k in range(n)
-                )
-                sources += of_kind
+                shared = kind.name, kind.error
+                sources += [Source(*shared, k, size, *kind.unit, basis) for k in range(n)]
     return tuple(sources)
 
 
@@ -234,14 +229,8 @@ def budget(
 ) -> list[dict[str, Any]]:
     """Return the rows of the budget of a quantity, with the combined standard uncertainty last.
 
-    Parameters
-    ----------
-    sources : sequence of Source
-        Errors that act on all values together; those of one name are one row.
-    changes : ndarray, shape (n, K)
-        Relative change of the n values by one standard uncertainty of each source [-].
-    *scatter : Scatter
-        Other contributions, independent of each other; at least one.
+    The sources act on all values together; those of one name are one row. `changes` (n, K) are the
+    relative changes of the n values by one standard uncertainty of each; at least one scatter.
     """
     total = np.sum(np.square([*changes.T, *(part.relative for part in scatter)]), axis=0)
     whole = float(np.mean(total))
@@ -286,11 +275,6 @@ def budget(
         *(line for line in each if line["largest_percent"] > 0.0),
         row("combined", "", total, degrees_of_freedom=of_all),
     ]
-
-
-def combined(changes: Array, scatter: Array) -> Array:
-    """Combine shared errors (n, K) and scatter (n,) to relative standard uncertainties (n,)."""
-    return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
 
 
 def factor_of(covariance: Array) -> Array:

@@ -23,7 +23,6 @@ from beltid.uncertainty.sources import (
     Scatter,
     StandardUncertainties,
     budget,
-    combined,
     stated_sources,
 )
 
@@ -208,4 +207,3 @@ def test_a_budget_adds_squares_and_names_the_largest_first():
     assert sum(row["share_percent"] for row in rows[:-1]) == pytest.approx(100.0)
     # Welch–Satterthwaite: u^4 / (u_s^4 / 9)
     assert rows[-1]["degrees_of_freedom"] == pytest.approx(9.0 * 0.003**2 / 0.0004**2)
-    np.testing.assert_allclose(combined(changes, np.full(2, 0.02)), math.sqrt(0.003))
