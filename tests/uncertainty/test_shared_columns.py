@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from truth import bench
 
 import beltid
 from beltid.config.model import UncertaintySection
@@ -16,31 +15,14 @@ from beltid.uncertainty.measured import friction_uncertainty
 from beltid.uncertainty.simulated import RunsUncertainty, validated
 from beltid.uncertainty.sources import reduction_sources
 
-TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
 OWN, TAIL, DRIFT = 0.001, 0.004, -0.003
 NOTHING = {"uncertainty": dict.fromkeys(UncertaintySection.model_fields, 0)}
 
 
-def friction(**more: np.ndarray) -> dict[str, np.ndarray]:
+def friction() -> dict[str, np.ndarray]:
     """Runs of the 5PK bench at two speeds with their true coefficients, standard error OWN."""
-    with TRUTH.open() as file:
-        rows = [row for row in csv.DictReader(file) if row["omega"] in ("0.1", "0.42")]
-    column = {key: np.array([float(r[key]) for r in rows]) for key in rows[0] if key != "run"}
-    mu = column["mu_app"]
-    return {
-        "run": np.array([r["run"] for r in rows], dtype=object),
-        "arc_deg": column["arc_deg"],
-        "initial_tension_N": column["T0"],
-        "nominal_tension_N": column["T0"],
-        "pulley_speed_rad_s": column["omega"],
-        "slip_speed_m_s": 0.05 * column["omega"],
-        "normal_force_N_m": column["f_ref"],
-        "mu_sliding": mu,
-        "mu_sliding_se": OWN * mu,
-        "status": np.full(mu.size, "ok", dtype=object),
-        **more,
-    }
+    return bench.friction(OWN)
 
 
 def with_shared() -> dict[str, np.ndarray]:
@@ -114,18 +96,6 @@ def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
     both = [found.columns["mu"][inside] for found in (refined, plain)]
     np.testing.assert_allclose(*both, rtol=3e-3)
     assert np.all((refined.columns["mu_u"] > 1.5 * plain.columns["mu_u"])[inside])
-
-
-def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
-    # every key 0: nothing is shared; the scatter is what is left
-    outcome = beltid.build_surface(friction(), NOTHING)
-    assert set(lines(outcome.tables["budget"])) == {"scatter of the runs", "combined"}
-    assert set(lines(plain.tables["budget"])) == {
-        "differences between arcs",
-        "change over the campaign",
-        "scatter of the runs",
-        "combined",
-    }
 
 
 @pytest.mark.parametrize(("known", "left"), [(True, 0.0), (False, TAIL)])

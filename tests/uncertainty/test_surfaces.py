@@ -85,29 +85,6 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)
 
 
-def test_a_single_run_has_its_own_error(nominal):
-    measured = nominal.campaign.measured
-    # one arc and one tension: the error of a node is that of its run
-    kept = (measured.arc == 0) & (SMALL.settings[1][1] == measured.T_0)
-    names = ("arc", "beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
-    one = replace(measured, **{name: getattr(measured, name)[kept] for name in names})
-    factor = published_grid(one).scatter
-    np.testing.assert_allclose(np.linalg.norm(factor, axis=-1), SMALL.noise, rtol=1e-6)
-
-
-def test_between_nodes_a_surface_is_no_better_known_than_its_neighbours(nominal):
-    measured = nominal.campaign.measured
-    grid = published_grid(measured)
-    surface = grid.to_surface().with_covariance(grid.scatter)
-    f, v = (np.sqrt(x[1:] * x[:-1]) for x in (grid.normal_force_N_m, grid.slip_speed_m_s))
-    relative = surface.mu_u(f[:, None], v) / surface.mu(f[:, None], v)
-    nodes = grid.mu_se / grid.mu
-    least = np.minimum(np.minimum(nodes[1:, 1:], nodes[:-1, 1:]), nodes[1:, :-1])
-    assert np.all(relative >= np.minimum(least, nodes[:-1, :-1]) * (1.0 - 1e-12))
-    at_nodes = surface.mu_u(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
-    np.testing.assert_allclose(at_nodes, grid.mu_se, rtol=1e-6)
-
-
 @pytest.mark.long
 def test_intervals_of_the_refined_surface_hold_the_truth():
     # 10 campaigns, errors of the bench drawn anew for each; benchmarks/coverage.py draws many
