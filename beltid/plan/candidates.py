@@ -175,12 +175,6 @@ class Candidates:
     speed_slope: Array  # and to ln v, (n,)
     slopes: Array  # and to the inputs of the simulated rig, (n, 8)
 
-    @property
-    def can_reverse(self) -> bool:
-        """Whether reversing the pulley swaps the cells: each span has one."""
-        kind = self.campaign.measured.kind
-        return kind.measures == "two_cells" and kind.weight is None
-
     def rows(
         self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
     ) -> RunRows:
@@ -217,10 +211,9 @@ def simulate_candidates(
     rig = RigRuns(campaign, speeds, MESH)
     force = campaign.measured.T_0 / bench.rig.R
     rough = np.log([0.2 * force.min(), 2.0 * force.max()])
-    start = usual_surface(rough, np.log(speeds)) if surface is None else surface
-    _, low, high = acting_forces(rig, start)
+    _, low, high = acting_forces(rig, surface or usual_surface(rough, np.log(speeds)))
     curves = Curves(knots_for(low, high, surface, KNOTS), np.log(speeds))
-    present = usual_surface(curves.log_force, curves.log_speed) if surface is None else surface
+    present = surface or usual_surface(curves.log_force, curves.log_speed)
     log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
     runs = simulated_runs(bench, points, arc, kind, (done.tight, done.slack))

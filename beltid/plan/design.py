@@ -127,10 +127,7 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
 
 def less(chosen: Sequence[int], *dropped: int) -> list[int]:
     """Return the chosen runs with each of the dropped ones listed once less."""
-    others = list(chosen)
-    for i in dropped:
-        others.remove(i)
-    return others
+    return sorted((Counter(chosen) - Counter(dropped)).elements())
 
 
 def _completed(

@@ -114,7 +114,7 @@ def planned(
         sources,
         runs,
         goal_u,
-        candidates.can_reverse,
+        can_reverse=kind.measures == "two_cells",  # each span has a cell
     )
     origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"

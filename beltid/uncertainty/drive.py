@@ -126,12 +126,9 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
     The ribs of a string seat at once, those of a rod over some length, on which they slip: the
     error grows with the seating part S of the loss L, and in full slip with its slip part X. It is
     ``u = hypot(0.14 sqrt(|S L|), X)``, relative to the speed and for the pulley where it is
-    largest; 0 for the driver, (n_points, n_pulleys).
-
-    The factors come from random drives of two pulleys at fixed centres: short of full slip (1044
-    drives) rods lose 22 % less to 18 % more than strings, 0.97 u RMS and at most 1.96 u. In full
-    slip they slip less in a loop that bends (120 drives: 0.80 u, all within 2 u), and more with a
-    given slack force (58 drives: nine tenths within 2 u).
+    largest; 0 for the driver, (n_points, n_pulleys). Random drives of two pulleys at fixed centres:
+    short of full slip (1044) rods lose 22 % less to 18 % more than strings, 0.97 u RMS and at most
+    1.96 u; in full slip (178) nine tenths are within 2 u.
     """
     rows = []
     for result in results:
