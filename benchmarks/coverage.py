@@ -45,7 +45,7 @@ LEAST, MOST, COVERED = 0.5, 1.3, 88.0
 """Of a row: its z, and the percentage of intervals that hold."""
 NOISE_N = 0.5
 """Noise of the load cells in rigdata [N]."""
-MIDDLE = Design((40.0, 68.0, 82.0), (60.0, 130.0, 220.0, 310.0, 400.0), (0.1, 0.21, 0.42))
+MIDDLE = Design(((40.0, 68.0, 82.0), (60.0, 130.0, 220.0, 310.0, 400.0), (0.1, 0.21, 0.42)))
 
 INTRODUCTION = """# Coverage
 

@@ -16,36 +16,56 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
-from virtual_bench import USUAL_CLASS
+from virtual_bench import Design, read
 
-from beltid.identify.friction.run import TWO_CELLS, RigKind
-from beltid.identify.surface.surface import build_surface
+from beltid.identify.friction.run import RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
-from beltid.plan.candidates import NoiseLaw, Settings, simulate_candidates
-from beltid.plan.knowledge import knowledge_at, sources_of_plan
+from beltid.params import Belt, Contact, Rig
+from beltid.plan.candidates import (
+    NoiseLaw,
+    knowledge_at,
+    settings_of_rig,
+    simulate_candidates,
+    sources_of_plan,
+)
+from beltid.plan.design import Plan, Target, choose_plan, schedule, surface_target
 from beltid.refine.inverse import refine_surface
 from beltid.refine.posterior import BEFORE
 from beltid.rig.model import Bench
-from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.rig_runs import Campaign
-from beltid.uncertainty.sources import ARC, StandardUncertainties, all_sources
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import ARC, SURFACE, StandardUncertainties, stated_sources
 
 Array = np.ndarray
 
 RUNS = 24
-FINER = 1.5
 KEPT = 1.2
+USUAL_CLASS = StandardUncertainties(
+    {
+        "tension_gain": 0.002,
+        "cell_gain": 0.001,
+        "cell_offset": 0.05,
+        "arc": math.radians(0.1),
+        "arc_setting": math.radians(0.2),
+        "pulley_radius": 0.002,
+        "span_length": 5.0e-4,
+        "pulley_speed": 0.002,
+        "bending_stiffness": 0.05,
+        "axial_stiffness": 0.05,
+        "press_force": 0.005,
+        "press_displacement": 0.002,
+        "segment_length": 0.005,
+    }
+)
+"""Those of a usual bench, with the compliance of the press known."""
 POOR_CLASS = StandardUncertainties(
     {
         **USUAL_CLASS.sizes,
@@ -84,51 +104,52 @@ def falling(f: Array, v: Array) -> Array:
     return (0.75 + 220.0 / (f + 900.0)) * (0.9 + hump)
 
 
-@dataclass(frozen=True)
-class SyntheticBench:
-    """A rig with its true surface, its settings and how well it is known."""
+class SyntheticBench(NamedTuple):
+    """A rig and how well it is known, the noise of its runs, and how many are planned."""
 
-    mu: Callable[[Array, Array], Array]
-    given: StandardUncertainties
-    noise: NoiseLaw = field(default_factory=NoiseLaw)
-    arc_effect: float = BEFORE[ARC].median
-    belt: Belt = field(default_factory=lambda: Belt(1.0e5, 0.02, 0.10))
-    rig: Rig = field(default_factory=lambda: Rig(0.05, 0.10))
-    law: NormalLaw = field(default_factory=lambda: NormalLaw(6.5e7, 3.0256e11))
-    kind: RigKind = TWO_CELLS
-    runs: int = RUNS
-    settings: Settings = field(
-        default_factory=lambda: Settings(
-            (40.0, 68.0, 82.0),
-            (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
-            (0.05, 0.10, 0.21, 0.42, 0.84),
-        )
-    )
-
-    @property
-    def press(self) -> PressLaw:
-        """The contact law as it is known."""
-        return PressLaw(self.law, np.zeros((2, 2)), 1.2e-4, 0.04)
+    design: Design
+    noise: NoiseLaw
+    runs: int
 
 
-SMALL_FACTORIAL = Settings((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))
+USUAL_NOISE = NoiseLaw()
+FACTORIAL = (
+    (40.0, 68.0, 82.0),
+    (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
+    (0.05, 0.10, 0.21, 0.42, 0.84),
+)
+
+
+def synthetic(
+    mu: Callable[[Array, Array], Array],
+    given: StandardUncertainties,
+    noise: NoiseLaw = USUAL_NOISE,
+    runs: int = RUNS,
+    **more: Any,
+) -> SyntheticBench:
+    """A bench whose arcs differ as the prior says."""
+    effect, settings = BEFORE[ARC].median, more.pop("settings", FACTORIAL)
+    return SyntheticBench(Design(settings, 0.0, given, 0.0, mu, effect, **more), noise, runs)
+
+
+SMALL_FACTORIAL = ((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))
 BENCHES = {
-    "5PK rig, usual class": SyntheticBench(stribeck, USUAL_CLASS),
-    "5PK rig, poor class, bent surface": SyntheticBench(bent, POOR_CLASS),
-    "wide arcs, small pulley, quiet runs": SyntheticBench(
+    "5PK rig, usual class": synthetic(stribeck, USUAL_CLASS),
+    "5PK rig, poor class, bent surface": synthetic(bent, POOR_CLASS),
+    "wide arcs, small pulley, quiet runs": synthetic(
         falling,
         USUAL_CLASS,
         NoiseLaw(friction=0.002, tension=0.05),
         belt=Belt(0.8e5, 0.012, 0.08),
         rig=Rig(0.04, 0.12),
         law=NormalLaw(5.6e7, 2.2e11),
-        settings=Settings(
+        settings=(
             (60.0, 90.0, 120.0, 150.0),
             (60.0, 110.0, 170.0, 240.0, 320.0, 420.0),
             (0.03, 0.08, 0.2, 0.5, 1.3),
         ),
     ),
-    "6PK rig, 12 runs, noisy friction": SyntheticBench(
+    "6PK rig, 12 runs, noisy friction": synthetic(
         bent,
         USUAL_CLASS,
         NoiseLaw(friction=0.008, tension=0.1),
@@ -137,7 +158,7 @@ BENCHES = {
         settings=SMALL_FACTORIAL,
         runs=12,
     ),
-    "weight on the slack span, limp belt, 12 runs": SyntheticBench(
+    "weight on the slack span, limp belt, 12 runs": synthetic(
         falling,
         USUAL_CLASS,
         NoiseLaw(friction=0.003, tension=0.2),
@@ -145,10 +166,10 @@ BENCHES = {
         rig=Rig(0.06, 0.15, given_force="slack"),
         law=NormalLaw(4.0e7, 1.5e11),
         kind=RigKind("dead_weight", weight_on="slack"),
-        settings=Settings((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
+        settings=((60.0, 100.0, 140.0), (40.0, 90.0, 200.0), (0.05, 0.11, 0.26, 0.6, 1.4)),
         runs=12,
     ),
-    "torque and one cell, poor class, 12 runs": SyntheticBench(
+    "torque and one cell, poor class, 12 runs": synthetic(
         stribeck,
         StandardUncertainties({**POOR_CLASS.sizes, "torque_gain": 0.005, "bearing_drag": 0.01}),
         NoiseLaw(friction=0.003, tension=0.3),
@@ -156,7 +177,7 @@ BENCHES = {
         settings=SMALL_FACTORIAL,
         runs=12,
     ),
-    "weight on the tight span, 38 mm, four arcs": SyntheticBench(
+    "weight on the tight span, 38 mm, four arcs": synthetic(
         steep,
         USUAL_CLASS,
         NoiseLaw(friction=0.003, tension=0.1),
@@ -164,89 +185,13 @@ BENCHES = {
         rig=Rig(0.038, 0.13, given_force="tight"),
         law=NormalLaw(5.0e7, 2.0e11),
         kind=RigKind("dead_weight", weight_on="tight"),
-        settings=Settings(
-            (75.0, 105.0, 135.0, 165.0), (60.0, 120.0, 200.0, 300.0, 400.0), (0.1, 0.25, 0.6, 1.4)
+        settings=(
+            (75.0, 105.0, 135.0, 165.0),
+            (60.0, 120.0, 200.0, 300.0, 400.0),
+            (0.1, 0.25, 0.6, 1.4),
         ),
     ),
 }
-
-
-def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Array]:
-    """The whole factorial as the bench reads it without noise, and the noise of its runs."""
-    u = bench.given
-
-    def draw(size: float) -> float:
-        return size * float(rng.standard_normal())
-
-    gain, gains = draw(u["tension_gain"]), [draw(u["cell_gain"]) for _ in range(2)]
-    zeros, arc = [draw(u["cell_offset"]) for _ in range(2)], draw(u["arc"])
-    of_setting = [draw(u["arc_setting"]) for _ in bench.settings.arcs_deg]
-    belt = replace(
-        bench.belt,
-        EI=bench.belt.EI * (1.0 + draw(u["bending_stiffness"])),
-        EA=bench.belt.EA * (1.0 + draw(u["axial_stiffness"])),
-    )
-    rig = replace(
-        bench.rig,
-        R=bench.rig.R * (1.0 + draw(u["pulley_radius"])),
-        span=bench.rig.span + draw(u["span_length"]),
-    )
-    turning, travel = 1.0 + draw(u["pulley_speed"]), 1.0 + draw(u["press_displacement"])
-    press = (1.0 + draw(u["press_force"])) / (1.0 + draw(u["segment_length"]))
-    k = bench.law.k_linear_N_m2 * press / travel, bench.law.k_quadratic_N_m3 * press / travel**2
-    f, v = np.geomspace(40.0, 60000.0, 80), np.geomspace(5e-4, 0.2, 40)
-    level = bench.mu(f[:, None], v[None, :])
-    effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
-    of_torque, drag = draw(u["torque_gain"]), draw(u["bearing_drag"])
-    of_arc = [
-        Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
-        for effect in effects
-    ]
-    points = bench.settings.points()
-    arcs = np.array([math.degrees(point.beta) for point in points])
-    number = np.unique(np.round(arcs, 6), return_inverse=True)[1]
-    tensions = []
-    for point, k_arc in zip(points, number, strict=True):
-        T_0 = point.T_0
-        if bench.kind.measures == "two_cells":
-            T_0 += T_0 * (gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
-        elif bench.kind.measures == "torque":  # the cell of the slack span
-            T_0 = T_0 * (1.0 + gain + gains[1]) + zeros[1]
-        beta = point.beta + arc + of_setting[k_arc]
-        at = OperatingPoint(beta, T_0, point.omega * turning)
-        true = of_arc[k_arc]
-        elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
-        run = simulate(true, at, SimulationSettings("steady", elements=elements))
-        shown = [
-            (tension - zero) / (1.0 + gain + own)
-            for tension, zero, own in zip(
-                (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
-            )
-        ]
-        if bench.kind.measures == "torque":
-            torque = (run.tension_tight_N - run.tension_slack_N) * rig.R + drag
-            shown[0] = shown[1] + torque / (1.0 + of_torque) / bench.rig.R
-        elif bench.kind.weight is not None:
-            span = ("tight", "slack").index(bench.kind.weight)
-            shown[span] = (run.tension_tight_N, run.tension_slack_N)[span]
-        tensions.append(shown)
-    tight, slack = np.array(tensions).T
-    beta = np.array([point.beta for point in points])
-    measured = Measured(
-        R=bench.rig.R,
-        arc=number.astype(np.intp),
-        beta=beta,
-        T_0=np.array([point.T_0 for point in points]),
-        omega=np.array([point.omega for point in points]),
-        tight=tight,
-        slack=slack,
-        mu=np.log(tight / slack) / beta,
-        mu_se=np.zeros(beta.size),
-        kind=bench.kind,
-        given_force=bench.rig.given_force,
-    )
-    se = np.sqrt(bench.noise.variance(measured))
-    return replace(measured, mu_se=measured.mu * se), se
 
 
 def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) -> Measured:
@@ -263,35 +208,29 @@ def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) ->
 
 def planned(bench: SyntheticBench) -> tuple[Plan, Target]:
     """The plan before any run is made."""
-    middle = Bench(bench.belt, bench.rig, Contact(), bench.law, FrictionSurface.constant(1.0))
-    candidates = simulate_candidates(middle, bench.press, bench.settings, (), None, bench.kind)
-    sources = sources_of_plan(None, bench.given, bench.settings.arcs_deg, False)
+    of = bench.design
+    middle = Bench(of.belt, of.rig, Contact(), of.law, FrictionSurface.constant(1.0))
+    points = settings_of_rig(*of.settings)
+    candidates = simulate_candidates(middle, of.press, points, None, of.kind)
+    sources = sources_of_plan(None, of.given, of.settings[0], False)
     rows = candidates.rows(sources, bench.noise, {})
     before = knowledge_at(candidates.curves, None, len(sources))
-    f, v = candidates.measured.normal_force, candidates.measured.slip_speed
+    f, v = candidates.campaign.measured.normal_force, candidates.campaign.measured.slip_speed
     target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
     return choose_plan(before, rows, target, sources, bench.runs, 0.0), target
 
 
 def error_and_uncertainty(
-    bench: SyntheticBench, measured: Measured, target: Target
+    design: Design, measured: Measured, target: Target
 ) -> tuple[Array, Array]:
     """Error of ln mu of the refined surface, and its standard uncertainty, over the target."""
     speeds = np.unique(measured.slip_speed)
-    start = build_surface(
-        np.degrees(measured.beta),
-        measured.normal_force,
-        measured.slip_speed,
-        measured.mu,
-        measured.mu_se,
-    ).surface
-    rig = Bench(bench.belt, bench.rig, Contact(), bench.law, start)
-    sources = all_sources(bench.given, int(measured.arc.max()) + 1, False)
-    found = refine_surface(Campaign(measured, rig, bench.press), speeds, sources)
+    sources = stated_sources(design.given, SURFACE, int(measured.arc.max()) + 1)
+    found = refine_surface(design.campaign(measured), speeds, sources)
     surface = found.surface.with_covariance(found.uncertainty.factor)
     f, v = target.normal_force, target.slip_speed
     u = np.asarray(surface.mu_u(f, v) / surface.mu(f, v))
-    return np.log(surface.mu(f, v) / bench.mu(f, v)), u
+    return np.log(surface.mu(f, v) / design.mu(f, v)), u
 
 
 def main(draws: int = 20, part: str = "") -> None:
@@ -303,14 +242,17 @@ def main(draws: int = 20, part: str = "") -> None:
         clock = time.process_time()
         plan, target = planned(bench)
         clock = time.process_time() - clock
-        session = schedule(plan.chosen, bench.settings.combined(), 5.0, 30.0)
+        settings = [(p.beta, p.T_0, p.omega) for p in settings_of_rig(*bench.design.settings)]
+        session = schedule(plan.chosen, settings, 5.0, 30.0)
         rows = []
         for seed in range(draws):
             rng = np.random.default_rng(1000 + seed)
-            measured, se = read(bench, rng)
+            measured = read(bench.design, rng)
+            se = np.sqrt(bench.noise.variance(measured))
+            measured = replace(measured, mu_se=measured.mu * se)
             runs = [one.run for one in session]
             some = taken(measured, se, runs, rng.standard_normal(len(runs)))
-            error, u = error_and_uncertainty(bench, some, target)
+            error, u = error_and_uncertainty(bench.design, some, target)
             squares = np.square([u, error, error / u])
             rows.append(np.average(squares, axis=1, weights=target.weight))
         stated, error, z = np.sqrt(np.mean(rows, axis=0))

@@ -1,14 +1,14 @@
-"""Simulate each rig setting once with the present surface, and differentiate it.
+"""What is known of the surface before a plan, and the settings of the rig as rows of its model.
 
-The rows J, S of the linear model are computed as for the refined surface: J from the sensitivities
-of the simulated rig, S as the change of measured less simulated ln mu by each shared error. The
-noise of a run is
+Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface at its
+usual sizes and a broad prior of level and slopes, (P5) of the theory page. Additional knots of a
+measured surface follow from its nodes by the same prior. Each setting is simulated once with the
+present surface; the rows J, S of (P1) are as for the refined surface, and the noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
 the scatter of the friction from run to run, the scatter of the tensions in Eq. (6), and the error
-of the simulated coefficient that the surface fit allows for. A run in the other direction has the
-same row, except that the two cells have changed places: a gain of a cell changes its sign.
+of the simulated coefficient that the surface fit allows for.
 """
 
 from __future__ import annotations
@@ -27,26 +27,96 @@ from beltid.errors import InputError
 from beltid.identify.friction.run import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.plan.knowledge import RunRows, knots_for, speeds_for, usual_surface
+from beltid.plan.design import SAME_SPEED, Knowledge, RunRows
 from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
-from beltid.refine.posterior import Curves
+from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS, SPEED_BEND, Curves
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
-from beltid.uncertainty.rig_runs import (
+from beltid.uncertainty.simulated import (
     MESH,
     Campaign,
     RigRuns,
-    as_measured,
     input_slopes,
-    mesh_of,
     residual_changes,
+    simulated_runs,
 )
-from beltid.uncertainty.sources import ARC, Source
+from beltid.uncertainty.sources import (
+    ARC,
+    SURFACE,
+    Source,
+    StandardUncertainties,
+    SurfaceUncertainty,
+    effect_sources,
+    stated_sources,
+    with_sources,
+)
 
 Array = NDArray[np.float64]
 
-OF_CELLS: Final = ("cell_gain", "cell_offset")
-"""Errors of each cell, which reversing the pulley swaps."""
+LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
+LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)
+FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15  # d ln mu / d ln f_N and its standard deviation
+SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15  # d ln mu / d ln v and its standard deviation
+
+
+def sources_of_plan(
+    known: SurfaceUncertainty | None,
+    stated: StandardUncertainties,
+    arcs_deg: Sequence[float],
+    law_scatter: bool,
+) -> tuple[Source, ...]:
+    """List the shared errors of a known surface, then the additional ones of its candidates.
+
+    These are at arcs [deg]; `law_scatter` says whether the covariance of the contact law is known.
+    """
+    stored = () if known is None else tuple(known.sources)
+    _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
+    size = next((source.size for source in stored if source.error == ARC), BEFORE[ARC].median)
+    every = stated_sources(stated, SURFACE, len(arcs), law_scatter=law_scatter)
+    return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
+
+
+def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
+    """Return the mean of the prior, with which runs are simulated before any measurement."""
+    x = log_force - log_force.mean()
+    z = log_speed - log_speed.mean()
+    log_mu = np.log(LEVEL) + FORCE_SLOPE * x[:, None] + SPEED_SLOPE * z
+    return FrictionSurface(np.exp(log_force), np.exp(log_speed), np.exp(log_mu))
+
+
+def prior_covariance(curves: Curves) -> Array:
+    """Return the covariance of the knot values before any run (size, size), (P5)."""
+    k, m = curves.log_force.size, curves.log_speed.size
+    z = curves.log_speed - curves.log_speed.mean()
+    early, late = np.minimum.outer(z, z) - z[0], np.maximum.outer(z, z) - z[0]
+    bend = np.square(early) * (3.0 * late - early) / 6.0
+    level = LEVEL_WIDTH**2 + SPEED_SLOPE_WIDTH**2 * np.outer(z, z) + SPEED_BEND**2 * bend
+    x = np.tile(curves.log_force - curves.log_force.mean(), m)
+    covariance = np.kron(level, np.ones((k, k))) + FORCE_SLOPE_WIDTH**2 * np.outer(x, x)
+    for part in (CURVE, DIFFERENCE):
+        columns = curves.parts.get(part, np.zeros((k * m, 0)))
+        covariance = covariance + PRIORS[part].median ** 2 * columns @ columns.T
+    return np.asarray(covariance)
+
+
+def knowledge_at(curves: Curves, measured: SurfaceUncertainty | None, n_errors: int) -> Knowledge:
+    """Return the knowledge of ln mu at the knots of a plan, before its runs.
+
+    The nodes of the measured surface, if there is one, are among the knots, and its shared errors
+    are the first of all `n_errors`; the others do not affect it.
+    """
+    prior = prior_covariance(curves)
+    changes = np.zeros((prior.shape[0], n_errors))
+    if measured is None:
+        return Knowledge(prior, changes)
+    nf, nv, n_known = measured.changes.shape
+    of_force = np.searchsorted(curves.log_force, np.log(measured.surface.normal_force_N_m) - 1.0e-9)
+    of_speed = np.searchsorted(curves.log_speed, np.log(measured.surface.slip_speed_m_s) - 1.0e-9)
+    nodes = np.add.outer(of_force, of_speed * curves.log_force.size).ravel()
+    follows = np.linalg.solve(prior[np.ix_(nodes, nodes)], prior[nodes]).T
+    factor = follows @ measured.scatter.reshape(nf * nv, -1)
+    changes[:, :n_known] = follows @ measured.changes.reshape(nf * nv, -1)
+    return Knowledge(factor @ factor.T + prior - follows @ prior[nodes], changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,18 +157,12 @@ def _tension_share(measured: Measured) -> Array:
     return np.asarray(squares / np.square(measured.mu * measured.beta))
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Available settings of the rig."""
-
-    arcs_deg: tuple[float, ...]  # contact arcs [deg]
-    tensions: tuple[float, ...]  # initial tensions [N]
-    omegas: tuple[float, ...]  # speeds of the pulley [rad/s]
-
-    def points(self) -> list[OperatingPoint]:
-        """List every combination as operating points in SI units; the speed varies fastest."""
-        every = itertools.product(self.arcs_deg, self.tensions, self.omegas)
-        return [OperatingPoint(math.radians(arc), T_0, w) for arc, T_0, w in every]
+def settings_of_rig(
+    arcs_deg: Sequence[float], tensions: Sequence[float], omegas: Sequence[float]
+) -> list[OperatingPoint]:
+    """List every combination of arcs [deg], tensions [N], speeds [rad/s]; the last varies most."""
+    every = itertools.product(arcs_deg, tensions, omegas)
+    return [OperatingPoint(math.radians(arc), T_0, omega) for arc, T_0, omega in every]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,17 +175,6 @@ class Candidates:
     speed_slope: Array  # and to ln v, (n,)
     slopes: Array  # and to the inputs of the simulated rig, (n, 8)
 
-    @property
-    def measured(self) -> Measured:
-        """Simulated runs."""
-        return self.campaign.measured
-
-    @property
-    def can_reverse(self) -> bool:
-        """Whether reversing the pulley swaps the cells: each span has one."""
-        kind = self.measured.kind
-        return kind.measures == "two_cells" and kind.weight is None
-
     def rows(
         self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
     ) -> RunRows:
@@ -130,76 +183,65 @@ class Candidates:
         The shared errors are in the order of the columns of S; one that does not affect new runs
         has zeros. `columns` holds the change of ln mu per unit of each reduction error, by key.
         """
-        n, arc = self.J.shape[0], self.measured.arc
-        shared = {key: np.full((n, 1), value) for key, value in columns.items()}
-        shared[ARC] = self.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
-        campaign = replace(self.campaign, measured=replace(self.measured, columns=shared))
+        measured = self.campaign.measured
+        shared = {key: np.full((len(self.J), 1), value) for key, value in columns.items()}
+        of_arc = np.eye(int(measured.arc.max()) + 1)[measured.arc]
+        shared[ARC] = self.J.sum(axis=1)[:, None] * of_arc
+        campaign = replace(self.campaign, measured=replace(measured, columns=shared))
         S = residual_changes(campaign, sources, self.slopes, self.speed_slope)
-        return RunRows(self.J, S, noise.variance(self.measured), arc)
-
-
-def in_both_directions(rows: RunRows, sources: Sequence[Source]) -> RunRows:
-    """Append every run in the other direction, numbered after those in the first (2n).
-
-    The errors of the cells have changed places; those of one size for both cells.
-    """
-    place = {(source.error, source.place): k for k, source in enumerate(sources)}
-    swapped = [
-        place.get((s.error, 1 - s.place), k) if s.error in OF_CELLS else k
-        for k, s in enumerate(sources)
-    ]
-    return RunRows(
-        J=np.tile(rows.J, (2, 1)),
-        S=np.vstack([rows.S, rows.S[:, swapped]]),
-        variance=np.tile(rows.variance, 2),
-        arc=np.tile(rows.arc, 2),
-    )
+        return RunRows(self.J, S, noise.variance(measured), measured.arc)
 
 
 def simulate_candidates(
     bench: Bench,
     press: PressLaw,
-    settings: Settings,
-    known_arcs_deg: Sequence[float],
-    measured: FrictionSurface | None,
+    points: Sequence[OperatingPoint],
+    known: SurfaceUncertainty | None,
     kind: RigKind = TWO_CELLS,
 ) -> Candidates:
     """Simulate each setting once with the present surface, and differentiate it.
 
-    Parameters
-    ----------
-    bench, press, kind
-        Belt and rig (its surface is not used), its contact law, and what it measures.
-    settings : Settings
-        Available settings of the rig.
-    known_arcs_deg : sequence of float
-        Arc settings of the measured surface, numbered as in its sources [deg].
-    measured : FrictionSurface or None
-        The present surface; None before any run, which takes the mean of the prior.
-
-    Raises
-    ------
-    ConvergenceError
-        If a setting has no sliding state.
+    Before any run (`known` None) that is the mean of the prior; the surface of the bench is not
+    used. Raises `ConvergenceError` if a setting has no sliding state.
     """
-    points, R = settings.points(), bench.rig.R
-    wanted = np.array(settings.omegas) * R
-    speeds = speeds_for(wanted, measured)
-    at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
-    T_0, mesh = np.array([point.T_0 for point in points]), mesh_of(bench, points, MESH)
-    start = measured
-    if start is None:
-        rough = np.log([0.2 * T_0.min() / R, 2.0 * T_0.max() / R])
-        start = usual_surface(rough, np.log(speeds))
-    acting = acting_forces(RigRuns(bench, points, np.unique(at), mesh), start)
-    log_force = knots_for(float(acting[:, 1].min()), float(acting[:, 2].max()), measured, KNOTS)
-    curves = Curves(log_force, np.log(speeds))
-    present = usual_surface(log_force, curves.log_speed) if measured is None else measured
-    log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()
-    rig = RigRuns(bench, points, speeds, mesh)
+    surface, known_arcs = (None, ()) if known is None else (known.surface, known.arcs_deg)
+    arc = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs)[0]
+    campaign = Campaign(simulated_runs(bench, points, arc, kind), bench, press)
+    speeds = speeds_for(campaign.measured.slip_speed, surface)
+    rig = RigRuns(campaign, speeds, MESH)
+    force = campaign.measured.T_0 / bench.rig.R
+    rough = np.log([0.2 * force.min(), 2.0 * force.max()])
+    _, low, high = acting_forces(rig, surface or usual_surface(rough, np.log(speeds)))
+    curves = Curves(knots_for(low, high, surface, KNOTS), np.log(speeds))
+    present = surface or usual_surface(curves.log_force, curves.log_speed)
+    log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
-    arc = numbered_arcs(np.degrees(rig.beta), known_arcs_deg)[0]
-    simulated = as_measured(bench, points, (done.tight, done.slack), arc, kind)
-    campaign = Campaign(simulated, bench, press)
+    runs = simulated_runs(bench, points, arc, kind, (done.tight, done.slack))
+    campaign = replace(campaign, measured=runs)
     slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
     return Candidates(campaign, curves, done.J, done.speed_slope, slopes)
+
+
+def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
+    """Place knots in ln f from a lowest to a highest force [N/m].
+
+    The knots of a measured surface stay; further ones extend it at the spacing of its end nodes.
+    """
+    if measured is None:
+        return np.linspace(np.log(low), np.log(high), count)
+    nodes = np.log(measured.normal_force_N_m)
+    first, last = nodes[1] - nodes[0], nodes[-1] - nodes[-2]
+    below = max(round((nodes[0] - np.log(low)) / first), 0)
+    above = max(round((np.log(high) - nodes[-1]) / last), 0)
+    lower = nodes[0] - first * np.arange(below, 0, -1)
+    return np.concatenate([lower, nodes, nodes[-1] + last * np.arange(1, above + 1)])
+
+
+def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
+    """Return the speeds [m/s] of a plan: those of a measured surface and the new ones."""
+    wanted = np.unique(wanted)
+    if measured is None:
+        return wanted
+    existing = measured.slip_speed_m_s
+    distance = np.abs(np.log(wanted[:, None] / existing)).min(axis=1)
+    return np.union1d(existing, wanted[distance > SAME_SPEED])

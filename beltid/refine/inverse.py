@@ -15,29 +15,28 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, ConvergenceError, InputError, percent
-from beltid.identify.agreement import FEWEST_RUNS
+from beltid.errors import BeltidError, ConvergenceError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.posterior import (
+    BEFORE,
     SCATTER,
     SHARED_ERRORS,
     Curves,
     Effect,
-    EstimatedEffect,
     LinearRuns,
     Sizes,
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.rig_runs import Campaign, RigRuns, input_slopes, mesh_of, residual_changes
+from beltid.uncertainty.simulated import Campaign, RigRuns, input_slopes, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -79,76 +78,31 @@ class RefinedSurface:
     """Solution of the inverse problem."""
 
     surface: FrictionSurface  # with the standard errors of its nodes by scatter and effects
+    uncertainty: SurfaceUncertainty
+    """Its covariance by causes; the bending stiffness with what the runs leave of its error."""
     curves: Curves  # the splines from which the surface was tabulated
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
-    campaign: Campaign  # its runs, with the effects that they show
+    campaign: Campaign
     stated: tuple[Source, ...]  # errors that runs share, as stated
-    sources: tuple[Source, ...]
-    """The same, less what the runs show of the bending stiffness; then the effects."""
-    changes: Array  # change of the parameters by one standard uncertainty of each source, (size, K)
-    scatter: Array  # covariance by scatter from run to run and what is smoothed away, (size, size)
+    stated_errors: tuple[Array, Array]
+    """What the runs say of them: mean and standard deviation in standard uncertainties, (K'')."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
-    fit: Fit  # end of the iteration, whose posterior is the estimate of surface and effects
-    told: Posterior  # what the runs say of the errors that they share as well
-    iterations: int  # Gauss–Newton iterations
+    posterior: Posterior  # estimate of surface and effects
+    covariance: Array  # of surface and effects, by noise and errors that runs share, (k, k)
+    weight: Array  # of the runs: 1, less for outliers, (n,)
     misfit_before: Array  # simulated over measured mu minus one, with the initial surface, (n,)
     misfit_after: Array  # with the refined one
-    effects: tuple[EstimatedEffect, ...]  # effects on the friction apart from the surface
-    effects_covariance: Array  # of all their numbers, by noise and errors that runs share, (K', K')
+    iterations: int  # Gauss–Newton iterations
+    noise_scale: float
+    """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
+    effective_parameters: float  # number of parameters that the data determine
+    notes: tuple[str, ...]  # how the solution was found, where it was not as usual
+    warnings: tuple[str, ...]  # a sentence for each iteration that did not converge
 
     @property
     def sizes(self) -> Sizes:
         """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
-        return self.fit.posterior.sizes
-
-    @property
-    def noise_scale(self) -> float:
-        """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
-        ratio = self.runs.variance(self.sizes) / np.square(self.runs.errors)
-        return float(np.sqrt(np.mean(ratio)))
-
-    @property
-    def effective_parameters(self) -> float:
-        """Number of parameters that the data determine."""
-        X = self.fit.posterior.model.X[:, 0]
-        return float(np.sum(self.runs.gain(self.fit.posterior) * X.T))
-
-    @property
-    def uncertainty(self) -> SurfaceUncertainty:
-        """Covariance of ln mu at the nodes by its causes."""
-        forces = self.surface.normal_force_N_m
-        return SurfaceUncertainty(
-            surface=self.surface,
-            sources=self.sources,
-            changes=self.curves.at_nodes(forces, self.changes),
-            scatter=self.curves.at_nodes(forces, factor_of(self.scatter)),
-            arcs_deg=self.campaign.measured.arcs_deg,
-            degrees_of_freedom=max(self.fit.weight.size - self.effective_parameters, 1.0),
-        )
-
-    def stated_errors(self) -> tuple[Array, Array]:
-        """Return mean and standard deviation of each stated error by the runs (K'').
-
-        Both are in stated standard uncertainties.
-        """
-        if not self.stated:
-            return np.zeros(0), np.zeros(0)
-        mean, covariance = self.told.of(SHARED_ERRORS)
-        return mean, np.sqrt(np.diag(covariance))
-
-    def convergence_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each iteration that did not converge."""
-        sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
-        changing = (
-            f"no convergence in {self.iterations} iterations: last change of mu "
-            f"{percent(100 * self.fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
-        )
-        happened = {sizes: not self.fit.posterior.converged, changing: self.fit.still_changing > 0}
-        return tuple(line for line, is_so in happened.items() if is_so)
-
-    def effect(self, key: str) -> EstimatedEffect | None:
-        """Look up an effect by its key; None if the runs cannot show it."""
-        return next((entry for entry in self.effects if entry.effect.key == key), None)
+        return self.posterior.sizes
 
 
 def refine_surface(
@@ -159,78 +113,76 @@ def refine_surface(
 ) -> RefinedSurface:
     """Find the surface for which the simulated rig gives every measured coefficient.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Runs at all arcs, and bench with the initial surface (from the published procedure).
-    speeds : ndarray, shape (m,)
-        Speed settings [m/s], increasing; each run belongs to the nearest one.
-    sources : sequence of Source
-        Errors that runs share.
-    reference_degC : float, optional
-        Temperature to which the surface is corrected [°C]; by default that of the runs.
-
-    Raises
-    ------
-    InputError
-        If there are too few runs.
-    ConvergenceError
-        If a run cannot be simulated, or the iteration does not converge.
+    The campaign has runs at all arcs and a bench with the initial surface (from the published
+    procedure); each run belongs to the nearest of the `speeds` [m/s], increasing, of which each has
+    runs. `sources` are the errors that runs share, `reference_degC` the temperature to which the
+    surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
+    simulated, or if the iteration does not converge.
     """
-    measured, n = campaign.measured, campaign.measured.mu.size
-    if n < FEWEST_RUNS:
-        raise InputError(f"{n} runs to refine a surface from, at least {FEWEST_RUNS} are needed")
-    effects = campaign_effects(measured, reference_degC)
+    n, notes = campaign.measured.mu.size, list[str]()
+    effects = campaign_effects(campaign.measured, reference_degC)
     try:
         problem, first, fit = _solved(campaign, speeds, effects, MESHES[0])
-    except ConvergenceError:
+    except ConvergenceError as error:
         problem, first, fit = _solved(campaign, speeds, effects, MESHES[1])
-    B, posterior, q = problem.B, fit.posterior, len(problem.B)
-    parameters, changes = B @ fit.coordinates, np.zeros((n, 0))
+        ratio = MESHES[1] / MESHES[0]
+        notes.append(
+            f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
+        )
+    curves, posterior, q = problem.curves, fit.posterior, fit.coordinates.size
+    parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
+    told, left, runs = (np.zeros(0), np.zeros(0)), list(sources), fit.runs
     if sources:
-        by_speed, surfaces = fit.sweep.speed_slope, problem.curves.surfaces(parameters)
+        by_speed, surfaces = fit.sweep.speed_slope, curves.surfaces(parameters)
         slopes = input_slopes(campaign, surfaces, problem.rig.speeds, by_speed)
         changes = residual_changes(campaign, sources, slopes, by_speed)
-    runs = replace(fit.runs, shared=-changes)
-    told = runs.model().at(posterior.sizes)
-    left = _left_by_the_runs(sources, told)
-    changes = changes * [share for _, share in left]
-    gain = runs.gain(posterior)
-    estimated, shifted, by_effect = [], measured, [np.zeros((n, 0))]
-    added: list[Source] = []
-    for effect, of_runs in zip(effects, (e.columns for e in runs.effects), strict=True):
-        values, size = posterior.of(effect.key)[0], posterior.sizes[effect.key]
-        weight = np.square(values) * np.mean(np.square(effect.columns), axis=0)
-        share = runs.explained(of_runs, posterior.sizes)
-        explained = float(np.average(share, weights=weight if np.any(weight) else None))
-        estimated.append(EstimatedEffect(effect, values, explained))
-        shifted = replace(shifted, columns={**shifted.columns, effect.key: of_runs})
-        added += effect_sources(effect.key, size, values.size)
-        by_effect.append(size * of_runs)
-    by_source = B @ gain[:q] @ np.hstack([changes, *by_effect])
-    smoothed = np.eye(q) - gain[:q] @ runs.X
-    scatter = gain[:q] * runs.variance(posterior.sizes) @ gain[:q].T
-    scatter = scatter + smoothed * runs.prior_variance(posterior.sizes) @ smoothed.T
-    scatter = B @ scatter @ B.T
-    of_effects = by_source[:, len(sources) :]
-    by_errors = gain[q:] @ changes
+        runs = replace(runs, shared=-changes)
+        mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
+        told = mean, np.sqrt(np.diag(covariance))
+    for k, source in enumerate(sources):
+        if source.error == "bending_stiffness":  # with what the runs leave of its error
+            share = min(1.0, math.hypot(told[0][k], told[1][k]))
+            left[k] = replace(source, size=share * source.size, basis=FITTED)
+            changes[:, k] *= share
+    gain, by_effect, of_effects = runs.gain(posterior), [np.zeros((n, 0))], list[Source]()
+    for effect in runs.effects:
+        size = posterior.sizes[effect.key]
+        of_effects += effect_sources(effect.key, size, effect.columns.shape[1])
+        by_effect.append(size * effect.columns)
+    shared = gain[:q] @ np.hstack([changes, *by_effect])
+    own = posterior.covariance[:q, :q] - shared[:, len(sources) :] @ shared[:, len(sources) :].T
+    by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
+    noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
+    scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
+    of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
+    surface = problem.tabulated(parameters, np.linalg.norm(of_fit, axis=-1))
     return RefinedSurface(
-        surface=problem.tabulated(parameters, scatter + of_effects @ of_effects.T),
-        curves=problem.curves,
+        surface=surface,
+        uncertainty=SurfaceUncertainty(
+            surface=surface,
+            sources=(*left, *of_effects),
+            changes=at_nodes,
+            scatter=scatter,
+            arcs_deg=campaign.measured.arcs_deg,
+            degrees_of_freedom=max(n - effective, 1.0),
+        ),
+        curves=curves,
         parameters=parameters,
-        campaign=replace(campaign, measured=shifted),
+        campaign=campaign,
         stated=tuple(sources),
-        sources=(*(source for source, _ in left), *added),
-        changes=by_source,
-        scatter=scatter,
+        stated_errors=told,
         runs=runs,
-        fit=fit,
-        told=told,
-        iterations=first.iterations + fit.iterations,
+        posterior=posterior,
+        covariance=posterior.covariance + by_errors @ by_errors.T,
+        weight=fit.weight,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        effects=tuple(estimated),
-        effects_covariance=posterior.covariance[q:, q:] + by_errors @ by_errors.T,
+        iterations=first.iterations + fit.iterations,
+        noise_scale=float(np.sqrt(np.mean(noise))),
+        effective_parameters=effective,
+        notes=tuple(notes),
+        warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
     )
 
 
@@ -238,29 +190,23 @@ def _solved(
     campaign: Campaign, speeds: Array, effects: tuple[Effect, ...], finer: float
 ) -> tuple[Problem, Fit, Fit]:
     """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    measured, bench = campaign.measured, campaign.bench
-    rig = RigRuns(bench, measured.points, speeds, mesh_of(bench, measured.points, finer))
-    empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
-    if empty:
-        raise InputError(f"no run at the speeds {', '.join(empty)}")
-    problem = Problem.of(rig, bench.surface, measured, effects)
-    first = problem.solved(bench.surface)
-    start = problem.tabulated(problem.B @ first.coordinates)
-    problem = Problem.of(rig, start, measured, effects)
-    return problem, first, problem.solved(start)
+    rig = RigRuns(campaign, speeds, finer)
+    first = Problem(rig, campaign.bench.surface, campaign.measured, effects)
+    near = first.solved(campaign.bench.surface)
+    start = first.tabulated(first.curves.B @ near.coordinates)
+    problem = Problem(rig, start, campaign.measured, effects)
+    return problem, near, problem.solved(start)
 
 
-def _left_by_the_runs(sources: Sequence[Source], told: Posterior) -> list[tuple[Source, float]]:
-    """Return each source with the share of its standard uncertainty that the runs leave to it."""
-    left = []
-    for k, source in enumerate(sources):
-        share = 1.0
-        if source.error == "bending_stiffness":
-            mean, covariance = told.of(SHARED_ERRORS)
-            share = min(1.0, math.hypot(mean[k], math.sqrt(covariance[k, k])))
-            source = replace(source, size=share * source.size, basis=FITTED)
-        left.append((source, share))
-    return left
+def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
+    """Yield a sentence for each iteration that did not converge."""
+    if not fit.posterior.converged:
+        yield "the search for the sizes of noise and effects did not end: the errors may be wrong"
+    if fit.still_changing > 0.0:
+        yield (
+            f"no convergence in {iterations} iterations: last change of mu "
+            f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,33 +222,30 @@ class Sweep:
 
 def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     """Simulate every run with the surface of its speed and compute the derivatives."""
-    n, k = rig.label.size, curves.log_force.size
-    J, speed_slope = np.zeros((n, parameters.size)), np.zeros(n)
-    # small deviations from the speed of the group are corrected by the slope between the speeds
-    by_speed = np.zeros((curves.log_speed.size, k))
-    if curves.log_speed.size > 1:
-        gradient = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
-        by_speed = np.asarray(gradient, dtype=float)
-    runs = rig.slide(curves.surfaces(parameters))
+    n, m, k = rig.label.size, curves.log_speed.size, curves.log_force.size
+    runs, J = rig.slide(curves.surfaces(parameters)), np.zeros((n, m, k))
     for i, run in enumerate(runs):
-        j = int(rig.label[i])
-        row = run.weight @ curves.basis(np.log(run.force))
-        J[i, j * k : (j + 1) * k] = row
-        speed_slope[i] = float(row @ by_speed[j])
+        J[i, rig.label[i]] = run.weight @ curves.basis(np.log(run.force))
+    # small deviations from the speed of the group are corrected by the slope between the speeds
+    by_speed: Array = np.zeros((m, k))
+    if m > 1:
+        by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
+    speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
-    return Sweep(tight, slack, np.log(mu) + rig.off_speed * speed_slope, J, speed_slope)
+    log_mu = np.log(mu) + rig.off_speed * speed_slope
+    return Sweep(tight, slack, log_mu, J.reshape(n, m * k), speed_slope)
 
 
-def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
-    """Return line forces at each speed (m, 3) [N/m]: limits of both :data:`SHARES`, and peak."""
-    acting = np.empty((rig.label.size, 3))
-    for i, run in enumerate(rig.slide([start] * rig.speeds.size)):
+def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, float]:
+    """Return line forces [N/m]: the lowest limits of both :data:`SHARES`, and the peak."""
+    acting = []
+    for run in rig.slide([start] * rig.speeds.size):
         order = np.argsort(run.force)
         share = np.cumsum(run.load[order])
-        acting[i, :2] = np.interp(SHARES, share / share[-1], run.force[order])
-        acting[i, 2] = run.force.max()
-    by_speed = [acting[rig.label == j] for j in range(rig.speeds.size)]
-    return np.array([[*of.min(axis=0)[:2], of[:, 2].max()] for of in by_speed])
+        limits = np.interp(SHARES, share / share[-1], run.force[order])
+        acting.append([*limits, run.force.max()])
+    lowest, low, peak = np.array(acting).T
+    return float(lowest.min()), float(low.min()), float(peak.max())
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,55 +263,31 @@ class Fit:
     """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
 
 
-@dataclass(frozen=True, slots=True)
 class Problem:
-    """The runs on the simulated rig and their measured values, arrays (n,).
+    """The runs on the simulated rig and their measured values; knots where forces act."""
 
-    `B` are the parameters per unit of each coordinate (size, size), `parts` the place of each part
-    of the surface among the coordinates, `forces` the nodes of the surface.
-    """
-
-    rig: RigRuns
-    curves: Curves
-    B: Array
-    parts: Mapping[str, slice]
-    forces: Array
-    log_mu: Array
-    errors: Array
-    effects: tuple[Effect, ...]
-
-    @classmethod
-    def of(
-        cls, rig: RigRuns, start: FrictionSurface, measured: Measured, effects: tuple[Effect, ...]
-    ) -> Self:
-        """Place knots and nodes where forces act with a surface."""
-        acting = acting_forces(rig, start)
-        lowest, low, high = acting[:, 0].min(), acting[:, 1].min(), acting[:, 2].max()
+    def __init__(
+        self,
+        rig: RigRuns,
+        start: FrictionSurface,
+        measured: Measured,
+        effects: tuple[Effect, ...],
+    ) -> None:
+        lowest, low, high = acting_forces(rig, start)
         # as many knots as nodes over the surface, and more down to the lowest force
-        bottom, first, last = np.log([lowest, low, high]).tolist()
-        inside, gap = np.linspace(first, last, KNOTS, retstep=True)
-        below = first - gap * np.arange(math.ceil((first - bottom) / gap), 0, -1)
-        curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
-        columns = {name: Z for name, Z in curves.coordinates().items() if Z.shape[1]}
-        ends = np.cumsum([0, *(Z.shape[1] for Z in columns.values())]).tolist()
-        places = zip(columns, ends, ends[1:], strict=False)
-        return cls(
-            rig=rig,
-            curves=curves,
-            B=np.hstack(list(columns.values())),
-            parts={name: slice(a, b) for name, a, b in places},
-            forces=np.geomspace(low, high, KNOTS),
-            log_mu=np.log(measured.mu),
-            errors=np.hypot(measured.mu_se / measured.mu, MODEL_ERROR),
-            effects=effects,
-        )
+        inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
+        n_below = math.ceil((inside[0] - np.log(lowest)) / gap)
+        below = inside[0] - gap * np.arange(n_below, 0, -1)
+        self.rig, self.effects = rig, effects
+        self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
+        self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
+        self.log_mu = np.log(measured.mu)
+        self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
 
-    def tabulated(self, parameters: Array, covariance: Array | None = None) -> FrictionSurface:
-        """Tabulate the curves at the nodes, with standard errors if the covariance is known."""
-        mu, se = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0]), None
-        if covariance is not None:
-            factor = self.curves.at_nodes(self.forces, factor_of(covariance))
-            se = mu * np.sqrt(np.sum(np.square(factor), axis=-1))
+    def tabulated(self, parameters: Array, relative: Array | None = None) -> FrictionSurface:
+        """Tabulate the curves at the nodes, with relative standard errors if they are known."""
+        mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
+        se = None if relative is None else mu * relative
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
     def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
@@ -377,12 +296,10 @@ class Problem:
         `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
         are chosen again.
         """
-        X = done.J @ self.B
-        effects = (
-            replace(effect, columns=effect.columns * response[:, None]) for effect in self.effects
-        )
-        y, errors = self.log_mu - done.log_mu + X @ at, self.errors / np.sqrt(weight)
-        return LinearRuns(y, X, self.parts, errors, response, tuple(effects))
+        effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
+        y = self.log_mu - done.log_mu + done.J @ (self.curves.B @ at)
+        parts = {name: done.J @ columns for name, columns in self.curves.parts.items()}
+        return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
 
     def solved(self, start: FrictionSurface) -> Fit:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them.
@@ -392,14 +309,14 @@ class Problem:
         further.
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
-        at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
-        weight, residual = np.ones(self.log_mu.size), np.zeros(self.log_mu.size)
-        sizes: dict[str, float] = {}
-        converged, share, change, choices, iteration = True, 1.0, np.inf, 0, 0
+        at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
+        residual, sizes, converged = np.zeros(self.log_mu.size), dict[str, float](), True
+        share, change, choices, iteration = 1.0, np.inf, 0, 0
         try:
-            done = sweep(self.rig, self.curves, self.B @ at)
-            before, response = done.log_mu, done.J.sum(axis=1)
-            for iteration in range(1, MOST_ITERATIONS + 1):
+            done = sweep(self.rig, self.curves, self.curves.B @ at)
+            before = done.log_mu
+            while iteration < MOST_ITERATIONS:
+                iteration += 1
                 fresh = choices < CHOICES and share in (0.0, 1.0)
                 if fresh:
                     weight, response = _weights(residual), done.J.sum(axis=1)
@@ -407,54 +324,54 @@ class Problem:
                 runs = self.linearised(done, at, weight, response)
                 posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
                 converged = posterior.converged if fresh else converged
-                sizes, posterior = posterior.sizes, replace(posterior, converged=converged)
+                sizes, last = posterior.sizes, choices == CHOICES
                 residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-                step = posterior.mean[: at.size] - at
-                # effect of the step on the data: knots that carry no load may drift
-                change = float(np.max(np.abs(runs.X @ step)))
-                share, ended = 0.0, change <= TOLERANCE
-                if not ended:
-                    share, at, done = self._descend(at, step, done, runs, sizes)
-                    gain = runs.misfit(runs.X @ step, step, sizes)
-                    ended = share == 0.0 and gain <= NOTHING
-                if ended and (fresh or choices == CHOICES):
-                    return Fit(at, done, runs, posterior, weight, before, iteration)
-                if share == 0.0 and choices == CHOICES:
+                share, at, done, change, gain = self._descend(at, done, runs, posterior)
+                ended = share == 0.0 and gain <= NOTHING and (fresh or last)
+                change = 0.0 if ended else change
+                if ended or (share == 0.0 and last):
                     break
         except BeltidError as error:
             raise ConvergenceError(
                 [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
             ) from error
-        if change <= NEARLY:
-            return Fit(at, done, runs, posterior, weight, before, iteration, change)
-        raise ConvergenceError(
-            f"refined surface: no convergence in {iteration} iterations (last change of mu "
-            f"{100 * change:.2g} %)",
-        )
+        if change > NEARLY:
+            raise ConvergenceError(
+                f"refined surface: no convergence in {iteration} iterations (last change of mu "
+                f"{100 * change:.2g} %)",
+            )
+        posterior = replace(posterior, converged=converged)
+        return Fit(at, done, runs, posterior, weight, before, iteration, change)
 
     def _descend(
-        self, at: Array, step: Array, done: Sweep, runs: LinearRuns, sizes: Sizes
-    ) -> tuple[float, Array, Sweep]:
-        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has."""
+        self, at: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
+    ) -> tuple[float, Array, Sweep, float, float]:
+        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
 
-        def merit(simulated: Sweep, coordinates: Array) -> float:
-            return runs.misfit(self.log_mu - simulated.log_mu, coordinates, sizes)
-
-        initial = merit(done, at)
-        required = 2.0 * DECREASE * runs.misfit(runs.X @ step, step, sizes)
-        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(runs.X @ step))))
+        Returned are it, where it leads, and of the whole step the largest change of ln mu of a run
+        and the decrease of the misfit; knots that carry no load may drift.
+        """
+        step, sizes = posterior.mean[: at.size] - at, posterior.sizes
+        effect = runs.X @ step
+        change = float(np.max(np.abs(effect)))
+        if change <= TOLERANCE:
+            return 0.0, at, done, change, 0.0
+        gain = runs.misfit(effect, step, sizes)
+        initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
+        share = min(1.0, LARGEST_CHANGE / change)
         for last in np.arange(HALVINGS) == HALVINGS - 1:
             trial = at + share * step
             try:
-                simulated = sweep(self.rig, self.curves, self.B @ trial)
+                simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
             except BeltidError:
                 if last:
                     raise
             else:
-                if merit(simulated, trial) <= initial - share * required:
-                    return share, trial, simulated
+                misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+                if misfit <= initial - share * 2.0 * DECREASE * gain:
+                    return share, trial, simulated, change, gain
             share *= 0.5
-        return 0.0, at, done
+        return 0.0, at, done, change, gain
 
 
 def _weights(misfit: Array) -> Array:
@@ -464,6 +381,7 @@ def _weights(misfit: Array) -> Array:
 
 
 TOGETHER: Final = "together"
+WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
 LEAST_EVIDENCE: Final = math.log(20.0)
@@ -507,51 +425,60 @@ class ShownEffect:
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = np.abs(found.stated_errors()[0]).tolist()
+    sizes = np.abs(found.stated_errors[0]).tolist()
     rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
 
 
+def unusual_effects(found: RefinedSurface) -> dict[str, float]:
+    """Return effects larger than in 98 % of campaigns: key -> largest usual standard deviation."""
+    usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
+    numbers = {effect.key: found.posterior.of(effect.key)[0] for effect in found.runs.effects}
+    return {k: usual[k] for k, u in numbers.items() if np.sqrt(np.mean(np.square(u))) > usual[k]}
+
+
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    values = np.concatenate([np.zeros(0), *(entry.values for entry in found.effects)])
-    ends = np.cumsum([0, *(entry.values.size for entry in found.effects)]).tolist()
-    columns = {entry.effect.key: entry.effect.columns for entry in found.effects}
-    places = zip(columns, ends, ends[1:], strict=False)
-    rows = {key: np.eye(values.size)[a:b] for key, a, b in places}
+    response = found.runs.response[:, None]
+    effects = {effect.key: effect.columns / response for effect in found.runs.effects}
+    numbers, C = found.posterior.mean, found.covariance
+    unit = {key: np.eye(numbers.size)[found.posterior.model.places[key]] for key in effects}
 
-    def change(weights: Array) -> tuple[float, float]:
-        """Return a weighted sum of the numbers and its standard uncertainty."""
-        w = np.ravel(weights)
-        return float(w @ values), float(np.sqrt(w @ found.effects_covariance @ w))
+    def shown(key: str, rows: Array, arcs_deg: tuple[float, ...] = ()) -> ShownEffect:
+        """Return the root mean square of sums of the numbers, with the sign of a single one."""
+        size, variance = rows @ numbers, np.einsum("nk,kl,nl->n", rows, C, rows)
+        rms = float(size[0]) if size.size == 1 else float(np.sqrt(np.mean(np.square(size))))
+        return ShownEffect(key, rms, float(np.sqrt(np.mean(variance))), arcs_deg)
 
     def weighed(effect: ShownEffect) -> ShownEffect:
         """Add the share that the surface explains and, if it is large, the evidence for it."""
         keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
-        entry = found.effect(keys[0])
-        if entry is not None and effect.key != ARC:
-            effect = replace(effect, explained=entry.explained)
+        if effect.key != ARC:
+            Z = effects[keys[0]]
+            weight = np.square(unit[keys[0]] @ numbers) * np.mean(np.square(Z), axis=0)
+            share = found.runs.explained(Z * response, found.sizes)
+            explained = np.average(share, weights=weight if np.any(weight) else None)
+            effect = replace(effect, explained=float(explained))
         if effect.is_large:  # this takes a search
             effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
         return effect
 
-    shown = []
-    if ARC in rows:
-        arcs_deg, pairs = found.campaign.measured.arcs_deg.tolist(), []
-        for low, high in itertools.permutations(range(len(arcs_deg)), 2):
-            size = change(rows[ARC][high] - rows[ARC][low])
-            pairs.append(ShownEffect(ARC, *size, (arcs_deg[low], arcs_deg[high])))
-        shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
-    shown += [weighed(ShownEffect(k, *change(rows[k]))) for k in (ORDER, TEMPERATURE) if k in rows]
-    if COURSE in rows:
-        of_runs = columns[COURSE] @ rows[COURSE]
-        size = np.sqrt(np.mean(np.square(of_runs @ values)))
-        variance = np.mean(np.einsum("nk,kl,nl->n", of_runs, found.effects_covariance, of_runs))
-        shown.append(weighed(ShownEffect(COURSE, float(size), float(np.sqrt(variance)))))
-    if ORDER in rows and TEMPERATURE in rows:
+    effects_shown = []
+    if ARC in unit:
+        arcs_deg = found.uncertainty.arcs_deg.tolist()
+        pairs = [
+            shown(ARC, (unit[ARC][high] - unit[ARC][low])[None], (arcs_deg[low], arcs_deg[high]))
+            for low, high in itertools.permutations(range(len(arcs_deg)), 2)
+        ]
+        effects_shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
+    effects_shown += [weighed(shown(k, unit[k])) for k in (ORDER, TEMPERATURE) if k in unit]
+    if COURSE in unit:
+        effects_shown.append(weighed(shown(COURSE, effects[COURSE] @ unit[COURSE])))
+    if ORDER in unit and TEMPERATURE in unit:
         # add the effect of the temperature's linear trend over the campaign
-        trend = np.polyfit(columns[ORDER][:, 0], columns[TEMPERATURE][:, 0], 1)[0]
-        both = weighed(ShownEffect(TOGETHER, *change(rows[ORDER] + trend * rows[TEMPERATURE])))
-        if both.is_clear and not any(e.is_clear for e in shown if e.key != ARC):
-            shown.append(both)
-    return (*shown, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
+        order, temperature = effects[ORDER][:, 0], effects[TEMPERATURE][:, 0]
+        trend = np.polyfit(order, temperature, 1)[0]
+        both = weighed(shown(TOGETHER, unit[ORDER] + trend * unit[TEMPERATURE]))
+        if both.is_clear and not any(e.is_clear for e in effects_shown if e.key != ARC):
+            effects_shown.append(both)
+    return (*effects_shown, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))

@@ -1,41 +1,16 @@
 """The runs of a campaign as a mixed model: surface, effects and noise, their sizes, the estimate.
 
-The values p of ln mu at common knots in ln f_N, a natural cubic spline for each speed, are
-
-    p = B h,    B = (levels and slope, curve, difference),
-
-with a level for each speed and a slope that all share (free), a curve that all speeds share, and
-the differences in slope between speeds. With h ~ N(0, 1) the curve has a white second derivative
-over ln f_N of unit intensity, and the differences have a slope over ln f_N that is white in ln f_N
-and in ln v: the integrals of (d² ln mu / d(ln f)²)² and of (d² ln mu / d ln f d ln v)² are h' h.
-Beyond the knots the nearest value applies. The runs follow
+The values p = B h of ln mu at common knots in ln f_N, a natural cubic spline for each speed, have
+free levels and a free slope, a curve that all speeds share and differences in slope between speeds
+(theory page, "The inverse problem"). About simulated runs, y the measured less the simulated ln mu,
 
     y = X h + sum_e Z_e u_e + noise,    noise ~ N(0, s² e² + s_r² r²),
 
-y the measured less the simulated ln mu, about simulated runs; level and slope are free, curve and
-difference are normal with a size each; Z_e the effects of the campaign with a size each; e the
-standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of the
-friction from run to run. :mod:`beltid.mixed` finds the sizes; all of them have priors. An effect is
-a factor on the whole surface:
-
-- *Arcs*: one number for each setting, for a wear track or an incorrectly set arc.
-- *Run order*: run-in or wear. A steady change from the first run to the last, and its curvature:
-  with x from -1 to 1 over the campaign and the Legendre polynomials P_k,
-
-      u P_1(x)/2    and    sum_k u_k P_k(x)/k²,    k = 2, 3, 4.
-
-  Their means over the campaign are zero, so the surface is that of mid-campaign.
-- *Temperature*: theta (T - T_ref)/10 K, T_ref the mean of the runs or, where the user states that
-  temperature is the cause (the prior of the order is then small), that to which is corrected.
-
-Two or three arcs determine the size of their differences poorly: it is the half-width of the
-interval that holds a difference with a probability of 68 %, over all sizes that the arcs leave
-possible (intervals of 95 % then hold at least 71, 81 and 86 % with two, three and four arcs).
-
-Errors that the runs share are no part of the estimate, or every trace of a model error would be
-taken for an error of the bench (three virtual belts: 0.23, 0.41 and 0.24 % of error in place of
-0.07, 0.09 and 0.06 %). They are in its uncertainty. What the runs say of them is found beside it,
-by the same model with the errors S e as one more term, e ~ N(0, 1).
+with the effects Z_e of arcs, run order and temperature as factors on the whole surface, the
+standard error e of a run, its sensitivity r to a factor on the surface, and the scatter s_r of the
+friction. :mod:`beltid.mixed` finds the sizes. Errors that the runs share are no part of the
+estimate, or every trace of a model error would be taken for an error of the bench; what the runs
+say of them is found beside it, by the same model with these errors as one more term.
 """
 
 from __future__ import annotations
@@ -57,9 +32,33 @@ from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
 Array = NDArray[np.float64]
+Sizes = Mapping[str, float]
 
 FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
 SPEED_BEND = 0.1  # standard deviation of the change of d ln mu / d ln v over one unit of ln v
+BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
+STEP_OF_TEMPERATURE = 10.0  # K
+NOISE, SCATTER, SHARED_ERRORS = "noise", "scatter", "shared errors"
+LEVEL, CURVE, DIFFERENCE = "level", "curve", "difference"
+PRIORS: Final = {
+    NOISE: Size(1.0, 0.5, largest=20.0),  # the standard errors are right within a half
+    SCATTER: Size(3.0e-3, 1.5, largest=0.3),
+    CURVE: Size(0.045, 0.75, largest=3.0),  # curvatures of ln mu over ln f_N of about 0.1
+    DIFFERENCE: Size(0.03, 1.0, largest=3.0),  # slopes differ by some hundredths
+    SHARED_ERRORS: Size(1.0),
+}
+BEFORE: Final = {  # priors of the standard deviation of ln mu
+    ARC: Size(3.0e-3, 1.5, largest=0.3),
+    ORDER: Size(1.0e-2, 1.5, largest=0.3),
+    COURSE: Size(3.0e-3, 1.5, largest=0.3),
+    TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
+}
+IF_CORRECTED: Final = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
+LEAST_NOISE: Final = 0.5  # few runs may fit by chance
+LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
+SMALL: Final = 1.0e-3
+GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
+ONE_SIGMA: Final = 0.6827
 
 
 @dataclass(frozen=True)
@@ -81,30 +80,33 @@ class Curves:
 
     def by_speed(self, values: Array) -> Array:
         """Reshape values at the knots, speed by speed, to (m, k, ...)."""
-        return np.asarray(
-            values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
-        )
+        return values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
 
-    def coordinates(self) -> dict[str, Array]:
-        """Return the columns of B by the name of their part; together they are square."""
+    @cached_property
+    def parts(self) -> dict[str, Array]:
+        """Columns of B by the name of their part."""
         k, m = self.log_force.size, self.log_speed.size
         x = (self.log_force - self.log_force.mean())[:, None]
         D = np.diff(np.eye(m), axis=0)
         between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
-        return {
-            "level": np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
-            "curve": np.tile(_unit(self._integral(2)), (m, 1)),
-            "difference": np.kron(between, _unit(self._integral(1))),
+        parts = {
+            LEVEL: np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
+            CURVE: np.tile(_unit(self._integral(2)), (m, 1)),
+            DIFFERENCE: np.kron(between, _unit(self._integral(1))),
         }
+        return {name: columns for name, columns in parts.items() if columns.shape[1]}
+
+    @cached_property
+    def B(self) -> Array:
+        """Values at the knots per unit of each coordinate, square."""
+        return np.hstack(list(self.parts.values()))
 
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
         log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        log_mu = self.by_speed(values) @ self.basis(log_force).T
-        return [
-            FrictionSurface(np.exp(log_force), [float(np.exp(v))], np.exp(row)[:, None])
-            for v, row in zip(self.log_speed, log_mu, strict=True)
-        ]
+        rows = zip(self.log_speed, self.by_speed(values) @ self.basis(log_force).T, strict=True)
+        force = np.exp(log_force)
+        return [FrictionSurface(force, [np.exp(v)], np.exp(row)[:, None]) for v, row in rows]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""
@@ -123,20 +125,8 @@ class Curves:
 def _unit(precision: Array) -> Array:
     """Return columns with unit normal coefficients for a singular inverse covariance."""
     values, vectors = np.linalg.eigh(precision)
-    kept = values > 1e-9 * values[-1] if values[-1] > 0.0 else np.zeros(values.size, dtype=bool)
+    kept = values > 1e-9 * max(values[-1], 1e-300)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
-
-
-BEFORE = {  # priors of the standard deviation of ln mu
-    ARC: Size(3.0e-3, 1.5, largest=0.3),
-    ORDER: Size(1.0e-2, 1.5, largest=0.3),
-    COURSE: Size(3.0e-3, 1.5, largest=0.3),
-    TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
-}
-IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
-WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
-BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
-STEP_OF_TEMPERATURE = 10.0  # K
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,26 +136,6 @@ class Effect:
     key: str  # name of the effect and of its source of uncertainty
     columns: Array  # change of ln mu of each run per unit of each number, (n, K)
     size: Size  # prior of the numbers' standard deviation, which the data determine
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatedEffect:
-    """An effect as estimated from the data."""
-
-    effect: Effect
-    values: Array  # its numbers, (K,)
-    explained: float  # share that the surface can explain by force and speed of the runs [-]
-
-    @property
-    def largest_usual(self) -> float:
-        """Standard deviation of its numbers that 98 % of campaigns do not exceed."""
-        before = BEFORE[self.effect.key]
-        return float(before.median * np.exp(WIDTHS * before.width))
-
-    @property
-    def is_unusual(self) -> bool:
-        """Whether its numbers are larger than expected of such an effect."""
-        return float(np.sqrt(np.mean(np.square(self.values)))) > self.largest_usual
 
 
 def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
@@ -185,30 +155,11 @@ def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[
         x = 2.0 * (order - order.min()) / np.ptp(order) - 1.0
         columns[ORDER] = 0.5 * x[:, None]
         columns[COURSE] = np.column_stack([Legendre.basis(k)(x) / k**2 for k in BENDS])
-    known = np.isfinite(T)
-    if known.any():
+    if (known := np.isfinite(T)).any():
         mean = float(T[known].mean())
         above = np.where(known, T, mean) - (mean if reference_degC is None else reference_degC)
         columns[TEMPERATURE] = above[:, None] / STEP_OF_TEMPERATURE
     return tuple(Effect(key, Z, priors[key]) for key, Z in columns.items() if np.any(Z))
-
-
-Sizes = Mapping[str, float]
-
-NOISE, SCATTER, SHARED_ERRORS = "noise", "scatter", "shared errors"
-LEVEL, CURVE, DIFFERENCE = "level", "curve", "difference"
-PRIORS: Final = {
-    NOISE: Size(1.0, 0.5, largest=20.0),  # the standard errors are right within a half
-    SCATTER: Size(3.0e-3, 1.5, largest=0.3),
-    CURVE: Size(0.045, 0.75, largest=3.0),  # curvatures of ln mu over ln f_N of about 0.1
-    DIFFERENCE: Size(0.03, 1.0, largest=3.0),  # slopes differ by some hundredths
-    SHARED_ERRORS: Size(1.0),
-}
-LEAST_NOISE: Final = 0.5  # few runs may fit by chance
-LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
-SMALL: Final = 1.0e-3
-GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
-ONE_SIGMA: Final = 0.6827
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,17 +167,21 @@ class LinearRuns:
     """The runs, linearised about simulated ones."""
 
     y: Array  # measured less simulated ln mu plus X h of the simulated surface, (n,)
-    X: Array  # derivatives with respect to the coordinates of the surface, (n, q)
-    parts: Mapping[str, slice]  # columns of X of each part of the surface
+    parts: Mapping[str, Array]
+    """Columns of X, derivatives with respect to the coordinates of each part of the surface."""
     errors: Array  # standard errors of ln mu, (n,)
     response: Array  # sensitivity to a factor on the surface, (n,)
     effects: tuple[Effect, ...] = ()  # the effects, their columns as changes of ln mu of the runs
     shared: Array | None = None  # changes by one u of each error that runs share, (n, K')
 
+    @property
+    def X(self) -> Array:
+        """Derivatives with respect to the coordinates of the surface, (n, q)."""
+        return np.hstack(list(self.parts.values()))
+
     def model(self) -> Mixed:
         """Build the mixed model; with the errors that runs share, if there are any."""
-        columns = {part: self.X[:, place] for part, place in self.parts.items()}
-        columns |= {effect.key: effect.columns for effect in self.effects}
+        columns = {**self.parts, **{effect.key: effect.columns for effect in self.effects}}
         if self.shared is not None and self.shared.shape[1]:
             columns[SHARED_ERRORS] = self.shared
         priors = {**PRIORS, **{effect.key: effect.size for effect in self.effects}}
@@ -246,6 +201,14 @@ class LinearRuns:
         sizes |= {effect.key: _usual_size(found, effect) for effect in self.effects}
         return replace(self.model().at(sizes), converged=found.converged)
 
+    def _best(self, start: Sizes) -> Posterior:
+        """Fit from a start or, without one, from the medians and from each effect large in turn."""
+        model, effects = self.model(), [effect.key for effect in self.effects]
+        starts = [start]
+        if not start and len(effects) > 1:
+            starts += [{**dict.fromkeys(effects, SMALL), name: LARGE} for name in effects]
+        return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
+
     def log_evidence_for(self, keys: Collection[str]) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
 
@@ -259,13 +222,10 @@ class LinearRuns:
         """Return the noise variance of each run (n,)."""
         return np.square(sizes[NOISE] * self.errors) + np.square(sizes[SCATTER] * self.response)
 
-    def prior_variance(self, sizes: Sizes) -> Array:
-        """Return the prior variance of the coordinates (q,); zero where they are free."""
-        variance = np.zeros(self.X.shape[1])
-        for part in (CURVE, DIFFERENCE):
-            if part in self.parts:
-                variance[self.parts[part]] = sizes[part] ** 2
-        return variance
+    def precision(self, sizes: Sizes) -> Array:
+        """Return the prior precision of the coordinates (q,); zero where they are free."""
+        of_part = {part: 1.0 / sizes[part] ** 2 for part in (CURVE, DIFFERENCE) if part in sizes}
+        return np.hstack([np.full(Z.shape[1], of_part.get(k, 0.0)) for k, Z in self.parts.items()])
 
     def gain(self, posterior: Posterior) -> Array:
         """Return the derivatives of all coefficients with respect to the data (k, n)."""
@@ -278,12 +238,10 @@ class LinearRuns:
         `residual` (n,) is measured minus simulated ln mu; it may come from a nonlinear model. The
         effects take from it what they best explain: a misfit about given effects need not fall.
         """
-        prior = self.prior_variance(sizes)
-        smooth = prior > 0.0
-        penalty = np.sum(np.square(coordinates[smooth]) / prior[smooth])
         V = np.diag(self.variance(sizes))
         for effect in self.effects:
             V += sizes[effect.key] ** 2 * effect.columns @ effect.columns.T
+        penalty = self.precision(sizes) @ np.square(coordinates)
         return float(residual @ np.linalg.solve(V, residual) + penalty)
 
     def explained(self, columns: Array, sizes: Sizes) -> Array:
@@ -293,24 +251,13 @@ class LinearRuns:
         and surface: a squared multiple correlation with the columns of the surface, within the
         limits of its smoothness. The level, which the surface always explains, is subtracted first.
         """
-        level, v = self.response, self.variance(sizes)
+        level, v, X = self.response, self.variance(sizes), self.X
         columns = columns - np.outer(level, (level / v) @ columns / (level @ (level / v)))
-        weighted = columns / v[:, None]
-        model = replace(self, effects=(), shared=None).model()
-        surface = model.at({name: size for name, size in sizes.items() if name in model.names})
-        projected = self.X.T @ weighted
-        explained = np.sum(projected * (surface.covariance @ projected), axis=0)
-        total = np.sum(columns * weighted, axis=0)
+        projected = (X / v[:, None]).T @ columns
+        information = (X / v[:, None]).T @ X + np.diag(self.precision(sizes))
+        explained = np.sum(projected * np.linalg.solve(information, projected), axis=0)
+        total = np.sum(np.square(columns) / v[:, None], axis=0)
         return np.asarray(explained / np.where(total > 0.0, total, 1.0))
-
-    def _best(self, start: Sizes) -> Posterior:
-        """Fit from a start or, without one, from the medians and from each effect large in turn."""
-        model, effects = self.model(), [effect.key for effect in self.effects]
-        starts = [start] if start else [{}]
-        if not start and len(effects) > 1:
-            small = dict.fromkeys(effects, SMALL)
-            starts += [{**small, name: LARGE} for name in effects]
-        return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
 
 
 def _usual_size(found: Posterior, effect: Effect) -> float:

@@ -59,9 +59,8 @@ from beltid.uncertainty.simulated import (
 from beltid.uncertainty.sources import (
     ARC,
     BETWEEN_SPEEDS,
-    Source,
     reduction_sources,
-    with_rig_sources,
+    with_sources,
 )
 
 SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
@@ -122,10 +121,10 @@ def agreement(
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
-    result, parts = validated(
+    result, found = validated(
         compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
     )
-    found, budget, n = parts.facts(result), parts.budget(), len(result.run)
+    n = len(result.run)
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
@@ -133,26 +132,26 @@ def agreement(
         few = f"only {n} of {result.n_usable} measured runs were compared"
         warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        result.to_columns() | parts.columns(result) | {"status": np.full(n, OK, dtype=object)},
+        result.to_columns() | found.columns | {"status": np.full(n, OK, dtype=object)},
         result,
         facts={
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": f"{found['within_2u']} of {found['n']} runs",
-            "rms_over_u_validation": found["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(budget),
-            "validation": found,
+            "within_two_u_validation": f"{found.facts['within_2u']} of {n} runs",
+            "rms_over_u_validation": found.facts["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(found.budget),
+            "validation": found.facts,
         },
         tables={
             "groups": [group.as_row() for group in result.groups],
             "judged": result.verdict_table(),
             "averaged": rows_of(result.averaged, *result.averaged),
-            "budget": budget,
+            "budget": found.budget,
         },
         validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=tuple(filter(None, (*parts.notes(), result.against_uncertainty))),
+        notes=tuple(filter(None, (*found.notes, result.against_uncertainty))),
         warnings=tuple(warnings),
         verdict=result.verdict,
         passed=bool(result.passed),
@@ -181,7 +180,9 @@ def predicted_runs(
     predicted = workers.run(predict, calls)
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     measured = {name: values[rows] for name, values in columns.items()}
-    uncertainty = _of_all(predicted, measured["run"])
+    # both sides are of one bench and have the same settings: its errors are none of the difference,
+    # unlike effects and an interpolation, which the predicted runs have for themselves
+    uncertainty = RunsUncertainty.joined([fold.part for fold in predicted], measured["run"])
     simulated = {**{name: measured[name] for name in SETTINGS}, "mu_sliding": uncertainty.mu}
     outcome = agreement(measured, simulated, config, uncertainty)
     groups = [*outcome.tables["groups"]]
@@ -223,12 +224,12 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an unseen arc has its own effect, with the same variance as the others
-    arc_sources = [source for source in solution.sources if source.error == ARC][:1]
+    arc_sources = [source for source in solution.uncertainty.sources if source.error == ARC][:1]
     of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
-    sources = with_rig_sources(solution.sources, of_arcs)
-    points = measured.points
-    bench = replace(campaign.bench, surface=surface)
-    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
+    sources = with_sources(solution.uncertainty.sources, of_arcs)
+    of_fold = replace(campaign, measured=replace(measured, arc=arcs))
+    of_fold = replace(of_fold, bench=replace(campaign.bench, surface=surface))
+    part = simulated_uncertainty(of_fold, sources, same_bench=True)
     if fold.by == "speed":
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
@@ -241,32 +242,8 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         )
     force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
     beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
-    warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
+    warnings = tuple(f"without {fold.name}: {line}" for line in solution.warnings)
     return Predicted(fold, part, beyond, warnings)
-
-
-def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertainty:
-    """Return the uncertainty of all predicted runs; the folds may differ in their sources.
-
-    Both sides are of one bench and have the same settings: its errors are none of the difference,
-    unlike effects and an interpolation, which the predicted runs have for themselves.
-    """
-    sources, parts = dict[tuple[str, int], Source](), []
-    for prediction in predicted:
-        for source in prediction.part.sources:
-            sources.setdefault((source.error, source.place), source)
-    column = {key: k for k, key in enumerate(sources)}
-    for part in (prediction.part for prediction in predicted):
-        aligned = [column[source.error, source.place] for source in part.sources]
-        simulated, difference = np.zeros((2, part.mu.size, len(column)))
-        simulated[:, aligned], difference[:, aligned] = part.simulated, part.difference
-        zero = np.zeros((part.mu.size, 2))
-        parts.append(replace(part, simulated=simulated, difference=difference, by_setting=zero))
-    return replace(
-        RunsUncertainty.joined(parts),
-        sources=tuple(sources.values()),
-        runs=tuple(str(label) for label in labels),
-    )
 
 
 def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:

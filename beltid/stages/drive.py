@@ -39,7 +39,16 @@ from beltid.uncertainty.drive import (
     without_bending,
 )
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import BENDING, SLOWER, Scatter, Source, budget, drive_sources
+from beltid.uncertainty.sources import (
+    BENDING,
+    DRIVE,
+    PRESS,
+    SLOWER,
+    Scatter,
+    Source,
+    budget,
+    stated_sources,
+)
 
 SIGNIFICANT_LOSS: Final = 0.1  # share of the largest loss above which a loss counts in the budget
 ALIKE_RATIOS: Final = 0.03
@@ -322,7 +331,8 @@ def _uncertainty(
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
     """Return the uncertainty of the speed losses and its sources."""
     results = list(good.values())
-    sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
+    given, n, law_scatter = standard_uncertainties(config), len(drive.pulleys), press.has_scatter
+    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n, law_scatter=law_scatter)
     uncertainty = drive_uncertainty(drive, points, results, press, sources)
     if config.drive.method == "string":
         sources = (*sources, BENDING)

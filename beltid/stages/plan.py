@@ -12,9 +12,17 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ConvergenceError, InputError, counted
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
-from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
-from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
-from beltid.plan.knowledge import knowledge_at, sources_of_plan
+from beltid.params import OperatingPoint
+from beltid.plan.candidates import (
+    Candidates,
+    NoiseLaw,
+    knowledge_at,
+    noise_law,
+    settings_of_rig,
+    simulate_candidates,
+    sources_of_plan,
+)
+from beltid.plan.design import Plan, Target, choose_plan, schedule, surface_target
 from beltid.stage import Outcome
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
@@ -70,12 +78,13 @@ def planned(
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
         set_by = beside.columns
-    settings, notes = _rig_settings(config, set_by)
+    points, notes = _settings(config, set_by)
     known = None if surface is None else _known_surface(surface)
     if law is None:
         notes.append("no data: contact law of the paper's 5PK belt")
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
-    sources = sources_of_plan(known, stated, settings.arcs_deg, press.has_scatter)
+    arcs_deg = [float(np.degrees(point.beta)) for point in points]
+    sources = sources_of_plan(known, stated, arcs_deg, press.has_scatter)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     elif other := known.stated_otherwise(stated, press.has_scatter):
@@ -86,20 +95,14 @@ def planned(
             f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
             "--from friction.parquet uses that of its runs"
         )
-    log.info("%d candidates, simulated with the present surface", len(settings.points()))
+    log.info("%d candidates, simulated with the present surface", len(points))
     try:
-        candidates = simulate_candidates(
-            bench_of(config, 1.0, press.law),
-            press,
-            settings,
-            () if known is None else tuple(known.arcs_deg),
-            None if known is None else known.surface,
-            rig_kind(config),
-        )
+        bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
+        candidates = simulate_candidates(bench, press, points, known, kind)
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    measured = candidates.measured
+    measured = candidates.campaign.measured
     force, speed = (
         (float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)
     )
@@ -111,11 +114,11 @@ def planned(
         sources,
         runs,
         goal_u,
-        candidates.can_reverse,
+        can_reverse=kind.measures == "two_cells",  # each span has a cell
     )
     origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
-    session = _session(plan, settings, candidates, config, based_on)
+    session = _session(plan, points, candidates, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
     if (session["pulley_speed_rad_s"] < 0.0).any():
         notes.append("runs with a negative speed tell the gain of the load cells from friction")
@@ -134,15 +137,7 @@ def planned(
             "stop": plan.stop,
         },
         tables={
-            "regions": [
-                {
-                    "force_range_N_m": region.force,
-                    "speed_range_m_s": region.speed,
-                    "before_percent": 100.0 * region.before,
-                    "after_percent": 100.0 * region.after,
-                }
-                for region in plan.regions
-            ],
+            "regions": plan.regions,
             "statements": [
                 {
                     "source": statement.source.name,
@@ -159,7 +154,7 @@ def planned(
     )
 
 
-def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, list[str]]:
+def _settings(config: Config, friction: Columns | None) -> tuple[list[OperatingPoint], list[str]]:
     """Return the possible settings of the rig, and a note on those that are assumed."""
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
@@ -174,7 +169,7 @@ def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, l
     ]
     lists = (tuple(of or values) for of, values in zip(stated, fallbacks, strict=True))
     notes = [f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"] if assumed else []
-    return Settings(*lists), notes
+    return settings_of_rig(*lists), notes
 
 
 def _thinned(values: Sequence[float]) -> list[float]:
@@ -218,13 +213,16 @@ def _noise(
 
 
 def _session(
-    plan: Plan, settings: Settings, candidates: Candidates, config: Config, based_on: str
+    plan: Plan,
+    points: Sequence[OperatingPoint],
+    candidates: Candidates,
+    config: Config,
+    based_on: str,
 ) -> dict[str, np.ndarray]:
     """Return the columns of the plan, with a row per run in the order of the session."""
-    ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
-    section, measured = config.plan, candidates.measured
+    ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in points]
+    section, measured = config.plan, candidates.campaign.measured
     session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
-    gains = dict(zip(plan.chosen, plan.gains, strict=True))
     rows = []
     for order, scheduled in enumerate(session, start=1):
         run, like = scheduled.run, scheduled.run % measured.mu.size
@@ -233,7 +231,7 @@ def _session(
             (
                 *(order, round(float(np.degrees(arc)), 9), tension, speed),
                 *(scheduled.repeat, scheduled.repeats, scheduled.start_minutes),
-                100.0 * max(gains[run], 0.0),
+                100.0 * max(plan.gains[run], 0.0),
                 *(measured.slip_speed[like], measured.normal_force[like]),
                 *(based_on, plan.needed.get(run, "")),
             )

@@ -47,8 +47,13 @@ from beltid.stages.inputs import (
 from beltid.stages.workers import Workers, threads
 from beltid.tables import schemas
 from beltid.uncertainty.measured import PressLaw, numbered_arcs
-from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
-from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
+from beltid.uncertainty.simulated import (
+    Campaign,
+    RunsUncertainty,
+    simulated_runs,
+    simulated_uncertainty,
+)
+from beltid.uncertainty.sources import SURFACE, sources_of, stated_sources, with_sources
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -350,17 +355,17 @@ def _uncertainty(
 ) -> tuple[RunsUncertainty | None, list[str]]:
     """Return the uncertainty of simulated runs; a note if it stays unknown."""
     numbers, arcs = numbered_arcs([run.arc_deg for run in good], stored.get("arcs_deg", ()))
-    stated = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
-    sources = with_rig_sources(sources_of(stored.get("sources", ())), stated)
-    points, labels = [run.point for run in good], [run.label for run in good]
-    mu = np.array([result.mu for result in good.values()])
-    of_rig = sources, config.simulation.elements, rig_kind(config), False
-    calls = [
-        (bench, press, points[piece], numbers[piece], *of_rig, labels[piece], mu[piece])
-        for piece in (slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL))
-    ]
+    given, law_scatter = standard_uncertainties(config), press.has_scatter
+    stated = stated_sources(given, SURFACE, len(arcs), law_scatter=law_scatter)
+    sources = with_sources(sources_of(stored.get("sources", ())), stated)
+    points, kind, calls = [run.point for run in good], rig_kind(config), []
+    tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in good.values()]).T
+    for piece in (slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)):
+        runs = simulated_runs(bench, points[piece], numbers[piece], kind, tensions[:, piece])
+        calls.append((Campaign(runs, bench, press), sources, config.simulation.elements))
     try:
-        return RunsUncertainty.joined(workers.run(simulated_uncertainty, calls)), []
+        parts = workers.run(simulated_uncertainty, calls)
+        return RunsUncertainty.joined(parts, [run.label for run in good]), []
     except BeltidError as error:
         return None, [f"uncertainty of the simulated runs is not known: {error.problems[0]}"]
 

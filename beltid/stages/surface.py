@@ -29,6 +29,7 @@ from beltid.refine.inverse import (
     contradictions,
     refine_surface,
     shown_effects,
+    unusual_effects,
 )
 from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
@@ -53,16 +54,17 @@ from beltid.uncertainty.measured import (
     published_uncertainty,
     valid_rows,
 )
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.simulated import Campaign
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
     ORDER,
+    SURFACE,
     TEMPERATURE,
     StandardUncertainties,
     SurfaceUncertainty,
-    all_sources,
     reduction_sources,
+    stated_sources,
 )
 
 NO_ARC_DEG: Final = 90.0
@@ -255,7 +257,7 @@ class Refinement:
 
 def with_covariance(found: RefinedSurface) -> FrictionSurface:
     """Return a refined surface with its covariance by source."""
-    names = [source.name for source in found.sources]
+    names = [source.name for source in found.uncertainty.sources]
     return found.surface.with_covariance(found.uncertainty.factor, names)
 
 
@@ -272,7 +274,8 @@ def refined(
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
     n_arcs = int(measured.arc.max()) + 1
-    stated = all_sources(standard_uncertainties(config), n_arcs, press.has_scatter)
+    given, law_scatter = standard_uncertainties(config), press.has_scatter
+    stated = stated_sources(given, SURFACE, n_arcs, law_scatter=law_scatter)
     shared = (*stated, *reduction_sources(measured.columns))
     calls = [(campaign, speeds, shared, reference)]
     (found,) = (workers or Workers()).run(refine_surface, calls)
@@ -312,12 +315,13 @@ def refined(
         validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
+            *found.notes,
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
             *notes,
         ),
-        warnings=(*found.convergence_warnings(), *_disagreement(result)),
+        warnings=(*found.warnings, *_disagreement(result)),
     )
 
 
@@ -432,19 +436,18 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
             f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         )
-    for unusual in found.effects:
-        if unusual.is_unusual:
-            yield (
-                f"{EFFECTS[unusual.effect.key][0]}: larger than usual (standard deviation "
-                f"{percent(100 * unusual.largest_usual)}); the simulated rig may not fit"
-            )
+    for key, usual in unusual_effects(found).items():
+        yield (
+            f"{EFFECTS[key][0]}: larger than usual (standard deviation {percent(100 * usual)}); "
+            "the simulated rig may not fit"
+        )
     for name, size in contradictions(found).items():
         yield (
             f"{name}: the runs require an error of {size:.2g} standard uncertainties; it is stated "
             "wrongly, or the simulated rig does not describe this bench"
         )
-    for k in np.flatnonzero(found.fit.weight < 0.5):
-        yield f"run {result.runs[k]}: far from the other runs, weight {found.fit.weight[k]:.2g}"
+    for k in np.flatnonzero(found.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
 
 
 def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
@@ -469,7 +472,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
+    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
         if source.error == "bending_stiffness":
             yield (
                 f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "

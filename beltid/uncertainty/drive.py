@@ -61,25 +61,25 @@ def drive_uncertainty(
     """Compute the change of the speed losses by each input of a drive; nan without a steady state.
 
     `results` are those of the points by string or rod, `press` the contact law of the drive and its
-    fit to the press, `sources` those of `drive_sources`. A surface with a covariance adds its part.
+    fit to the press, `sources` what can be stated of a drive. A surface with a covariance adds its
+    part.
     """
-    by_string = np.zeros(len(points), dtype=bool)
-    string_results = _solved(drive, points, "string", [None] * len(points))
-    both = list(zip(results, string_results, strict=True))
+    strings = _solved(drive, points, "string", [None] * len(points))
+    both = zip(results, strings, strict=True)
     at = [i for i, (r, s) in enumerate(both) if r.state.rods and not (_sticks(r) and _sticks(s))]
-    losses = _losses(drive, string_results)
+    by_string, rods = np.zeros(len(points), dtype=bool), [results[i] for i in at]
+    losses, of_rods = _losses(drive, strings), _losses(drive, rods)
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
-    changes = np.zeros((*losses.shape, len(inputs)))
-    for k, moved in enumerate(inputs):
-        changes[..., k] = _losses(drive, _solved(*moved, "string", string_results)) - losses
-    best = [results[i] for i in at]
-    for k, (other, moved_points) in enumerate(inputs if at else ()):
-        rods = _solved(other, [moved_points[i] for i in at], "rod", best)
-        change = _losses(other, rods) - _losses(drive, best)
-        is_solved = np.isfinite(change)
-        by_string[at] |= ~is_solved.all(axis=1)
-        changes[at, :, k] = np.where(is_solved, change, changes[at, :, k])
+    changes = np.zeros((len(points), len(drive.pulleys), len(inputs)))
+    for k, (other, moved) in enumerate(inputs):
+        changes[..., k] = _losses(other, _solved(other, moved, "string", strings)) - losses
+        if at:
+            by_rods = _solved(other, [moved[i] for i in at], "rod", rods)
+            change = _losses(other, by_rods) - of_rods
+            is_solved = np.isfinite(change)
+            by_string[at] |= ~is_solved.all(axis=1)
+            changes[at, :, k] = np.where(is_solved, change, changes[at, :, k])
     shared, by_surface = np.split(changes, [len(sources)], axis=-1)
     return DriveUncertainty(shared, np.linalg.norm(by_surface, axis=-1), by_string)
 
@@ -110,16 +110,13 @@ def change_by_slower_friction(
     if limits[0].friction is limits[1].friction:
         return np.zeros_like(change)
     for method in METHODS:
-        is_open = ~np.isfinite(change).all(axis=1)
-        at = [
-            i for i, r in enumerate(results) if is_open[i] and (method == "string" or r.state.rods)
-        ]
-        if not at:
-            continue
-        chosen_points = [points[i] for i in at]
-        near: Results = [results[i] if method == "rod" else None for i in at]
-        losses = [_losses(limit, _solved(limit, chosen_points, method, near)) for limit in limits]
-        change[at] = (losses[1] - losses[0]) / math.sqrt(12.0)
+        is_open, by_rod = ~np.isfinite(change).all(axis=1), method == "rod"
+        at = [i for i, r in enumerate(results) if is_open[i] and (r.state.rods or not by_rod)]
+        near = [results[i] if by_rod else None for i in at]
+        if at:
+            some = [points[i] for i in at]
+            low, high = (_losses(of, _solved(of, some, method, near)) for of in limits)
+            change[at] = (high - low) / math.sqrt(12.0)
     return change
 
 
@@ -129,12 +126,9 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
     The ribs of a string seat at once, those of a rod over some length, on which they slip: the
     error grows with the seating part S of the loss L, and in full slip with its slip part X. It is
     ``u = hypot(0.14 sqrt(|S L|), X)``, relative to the speed and for the pulley where it is
-    largest; 0 for the driver, (n_points, n_pulleys).
-
-    The factors come from random drives of two pulleys at fixed centres: short of full slip (1044
-    drives) rods lose 22 % less to 18 % more than strings, 0.97 u RMS and at most 1.96 u. In full
-    slip they slip less in a loop that bends (120 drives: 0.80 u, all within 2 u), and more with a
-    given slack force (58 drives: nine tenths within 2 u).
+    largest; 0 for the driver, (n_points, n_pulleys). Random drives of two pulleys at fixed centres:
+    short of full slip (1044) rods lose 22 % less to 18 % more than strings, 0.97 u RMS and at most
+    1.96 u; in full slip (178) nine tenths are within 2 u.
     """
     rows = []
     for result in results:

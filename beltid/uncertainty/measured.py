@@ -1,15 +1,7 @@
 """Reduced runs of a friction rig and the contact law of a press, and their correction for errors.
 
-With relative errors e_F of the force gain, e_x of the travel gain, e_L of the segment length and
-e_k of the law in service, the coefficients of the contact law, Eq. (3), are
-
-    k_linear -> k_linear (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)),
-    k_quadratic -> k_quadratic (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)²).
-
-An error c of the machine compliance moves a point of force f per length by c L f along the travel;
-the change of the coefficients is the projection of f'(delta) c L f on (delta, delta², f'(delta)),
-as the contact point is free. The procedure of the published surface is repeated with each error
-corrected; a change is taken at the moved node and shifted back along the slope of the surface.
+The procedure of the published surface is repeated with each error corrected; a change is taken at
+the moved node and shifted back along the slope of the surface.
 """
 
 from __future__ import annotations
@@ -24,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
-from beltid.identify.friction.run import TWO_CELLS, RigKind
+from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
 from beltid.identify.surface.surface import Points, SurfaceGrid, grid_through
 from beltid.laws.capstan import (
@@ -38,7 +30,11 @@ from beltid.laws.penalty import NormalLaw
 from beltid.mixed import root
 from beltid.params import GivenForce, OperatingPoint
 from beltid.uncertainty.sources import (
+    BENT,
+    LAW,
+    PRESS,
     REDUCTION_SOURCES,
+    RIG,
     Errors,
     Scatter,
     Source,
@@ -46,10 +42,8 @@ from beltid.uncertainty.sources import (
     SurfaceUncertainty,
     budget,
     changes_by,
-    combined,
-    press_sources,
     reduction_sources,
-    rig_sources,
+    stated_sources,
 )
 
 Array = NDArray[np.float64]
@@ -72,9 +66,13 @@ class PressLaw:
         return bool(np.any(self.covariance != 0.0))
 
     def coefficients(self, errors: Errors) -> Array:
-        """Return the coefficients (2,) with errors corrected; negative ones become zero."""
+        """Return the coefficients (2,) with errors corrected; negative ones become zero.
+
+        Force and segment length scale both of Eq. (3), a gain of the travel divides them by
+        (1 + e) and (1 + e)².
+        """
         k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
-        k = k + root(self.covariance) @ [errors.at("law", 0), errors.at("law", 1)]
+        k = k + root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
         force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
         force = force / (1.0 + errors.at("segment_length"))
@@ -87,17 +85,20 @@ class PressLaw:
         return NormalLaw(*self.coefficients(errors).tolist())
 
     def _per_compliance(self) -> Array:
-        """Return the change of the coefficients (2,) per corrected compliance [m/N]."""
+        """Return the change of the coefficients (2,) per corrected compliance [m/N].
+
+        A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
+        f is projected on (delta, delta², f'(delta)), as the contact point is free.
+        """
         delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
         slope, force = self.law.stiffness(delta), self.law.force(delta)
-        present = np.array([self.law.k_linear_N_m2 > 0.0, self.law.k_quadratic_N_m3 > 0.0])
-        design = np.column_stack([np.column_stack([delta, delta**2])[:, present], slope])
+        present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
+        design = np.column_stack([delta, delta**2, slope])[:, present]
         size = np.linalg.norm(design, axis=0)
         force_change = slope * self.segment_length_m * force
-        solution = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
-        change = np.zeros(2)
-        change[present] = solution[:-1]  # the last one moves the contact point
-        return change
+        change = np.zeros(3)
+        change[present] = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
+        return change[:2]  # the last one moves the contact point
 
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
@@ -124,17 +125,14 @@ class Measured:
     temperature_degC: Array | None = None  # of each run while sliding, nan if unknown
     kind: RigKind = TWO_CELLS  # what the rig measures: which errors the tensions can have
     given_force: GivenForce = "none"  # what stays constant, see :class:`beltid.params.Rig`
-    momentum: Array | float = (
-        0.0  # m v² of a running belt, already subtracted from all tensions [N]
-    )
-    torque_with_tight: NDArray[np.bool_] | None = None
+    momentum: Array | float = 0.0  # m v² of a running belt, subtracted from all tensions [N]
+    with_tight: NDArray[np.bool_] | None = None
     """Whether the tension measured with a torque is the tight one; by default as `kind` states."""
 
     @property
     def arcs_deg(self) -> Array:
         """Contact arc of each setting, in the order of their numbers [deg]."""
-        numbers = range(int(self.arc.max()) + 1)
-        return np.array([np.degrees(self.beta[self.arc == k].mean()) for k in numbers])
+        return np.degrees(np.bincount(self.arc, self.beta) / np.bincount(self.arc))
 
     @property
     def normal_force(self) -> Array:
@@ -149,8 +147,7 @@ class Measured:
     @property
     def points(self) -> list[OperatingPoint]:
         """Settings of the runs."""
-        settings = np.column_stack([self.beta, self.T_0, self.omega])
-        return [OperatingPoint(*row) for row in settings.tolist()]
+        return list(map(OperatingPoint, self.beta, self.T_0, self.omega))
 
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
@@ -203,16 +200,28 @@ class Measured:
         """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
         kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
         # of m v², subtracted from all tensions; the belt has the gain error of the pulley's speed
-        by_mass = errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed")
+        mass = self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
         def cell(number: int, tension: Array) -> Array:
+            """Return what a cell measures; a weight on its span has the error of the mass only."""
+            if SPANS[number] == kind.weight:
+                return tension - mass
             gain = errors.at("tension_gain") + errors.at("cell_gain", number)
-            zero = errors.at("cell_offset", number) - self.momentum * by_mass
+            zero = errors.at("cell_offset", number) - mass
             return np.asarray(tension + (tension + self.momentum) * gain + zero)
 
+        # the tight cell rises and reads too little, the slack one falls and reads too much
+        lag = errors.at("cell_hysteresis") * (kind.measures != "torque_hub")
+        tight, slack = (
+            cell(k, tension) + lag * (tension - self.T_0) * (SPANS[k] != kind.weight)
+            for k, tension in enumerate((self.tight, self.slack))
+        )
+        at_rest = cell(0, self.T_0), cell(1, self.T_0)
+        if not kind.has_torque:
+            one = 0.5 * (at_rest[0] + at_rest[1])
+            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else one
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
-        T_0 = [cell(number, self.T_0) for number in (0, 1)]
         if kind.measures == "torque_hub":
             spans = replace(
                 kind.spans,
@@ -220,25 +229,11 @@ class Measured:
                 length=kind.spans.length + errors.at("span_length"),
             )
             hub = cell(0, hub_force(self.tight, self.slack, self.beta, self.R, kind.spans))
-            return (*tensions_by_hub_force(M, hub, beta, R, spans), T_0[0])
-        lag = errors.at("cell_hysteresis")  # the tight cell rises and reads too little
-        tight = cell(0, self.tight) + lag * (self.tight - self.T_0)
-        slack = cell(1, self.slack) - lag * (self.T_0 - self.slack)
-        if kind.measures == "torque":
-            is_tight = self.torque_with_tight
-            if is_tight is None:
-                is_tight = np.full(self.mu.size, kind.torque_with == "tight")
-            by_tight = tensions_by_torque(M, R, T_tight=tight)
-            by_slack = tensions_by_torque(M, R, T_slack=slack)
-            tight, slack = np.where(is_tight, by_tight, by_slack)
-            return tight, slack, np.where(is_tight, *T_0)
-        if kind.weight is None:
-            return tight, slack, 0.5 * (T_0[0] + T_0[1])
-        if kind.weight == "tight":
-            tight = self.tight - self.momentum * by_mass
-        else:
-            slack = self.slack - self.momentum * by_mass
-        return tight, slack, self.T_0 - self.momentum * by_mass
+            return (*tensions_by_hub_force(M, hub, beta, R, spans), at_rest[0])
+        by_tight = tensions_by_torque(M, R, T_tight=tight)
+        by_slack = tensions_by_torque(M, R, T_slack=slack)
+        is_tight = kind.torque_with == "tight" if self.with_tight is None else self.with_tight
+        return (*np.where(is_tight, by_tight, by_slack), np.where(is_tight, *at_rest))
 
 
 def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
@@ -259,19 +254,23 @@ def measured_runs(
     median of the others, or zero if none is known; errors that the runs share are not in it but in
     the `columns` of the result.
     """
-    arc_deg, f, v, mu = (np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE)
+
+    def known(name: str) -> Array:
+        """Return the values of a column; nan where they are missing."""
+        return np.asarray(columns[name], float)[rows] if name in columns else np.full(n, np.nan)
+
+    n = len(rows)
+    arc_deg, f, v, mu = map(known, POSITIVE)
     own = own_errors(columns)
-    errors = np.full(mu.size, np.nan) if own is None else own[rows]
-    known = np.isfinite(errors)
-    typical = float(np.median(errors[known])) if known.any() else 0.0
-    T_rest, T_degC = columns.get("initial_tension_N"), columns.get("temperature_degC")
+    errors = np.full(n, np.nan) if own is None else own[rows]
+    typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
     beta = np.radians(arc_deg)
     log_ratio = mu * beta
     slack = f * R * log_ratio / np.expm1(log_ratio)
     tight = slack * np.exp(log_ratio)
-    T_0 = np.sqrt(tight * slack) if T_rest is None else np.asarray(T_rest, dtype=float)[rows]
+    T_0 = known("initial_tension_N")
     T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
-    flux, torque_with = columns.get("momentum_N"), columns.get("torque_with")
+    spans = columns.get("torque_with")
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
@@ -281,14 +280,14 @@ def measured_runs(
         tight=tight,
         slack=slack,
         mu=mu,
-        mu_se=np.where(known, errors, typical),
+        mu_se=np.where(np.isfinite(errors), errors, typical),
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
         order=np.asarray(rows, dtype=np.intp),
-        temperature_degC=None if T_degC is None else np.asarray(T_degC, dtype=float)[rows],
+        temperature_degC=known("temperature_degC"),
         kind=kind,
         given_force=given_force,
-        momentum=0.0 if flux is None else np.nan_to_num(np.asarray(flux, dtype=float)[rows]),
-        torque_with_tight=None if torque_with is None else np.asarray(torque_with == "tight")[rows],
+        momentum=np.nan_to_num(known("momentum_N")),
+        with_tight=None if spans is None else np.asarray(spans == "tight")[rows],
     )
 
 
@@ -338,14 +337,8 @@ def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
 
 def published_grid(measured: Measured) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
-    points = Points(
-        arc_deg=np.degrees(measured.beta),
-        f=measured.normal_force,
-        v=measured.slip_speed,
-        mu=measured.mu,
-        se=measured.mu_se,
-    )
-    return grid_through(points)[0]
+    of_runs = measured.normal_force, measured.slip_speed, measured.mu, measured.mu_se
+    return grid_through(Points(np.degrees(measured.beta), *of_runs))[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
@@ -366,26 +359,25 @@ def published_uncertainty(
 ) -> SurfaceUncertainty:
     """Propagate the errors to the published surface; the bias by bending is not included."""
     sources = sources_of_runs(measured, given)
-    return SurfaceUncertainty(
-        surface=nominal.to_surface(),
-        sources=sources,
-        changes=changes_by(
-            sources, lambda e: changes_at_nodes(nominal, published_grid(measured.corrected(e)))
-        ),
-        scatter=nominal.scatter,
-        arcs_deg=measured.arcs_deg,
-    )
+
+    def change(errors: Errors) -> Array:
+        """Return the change of ln mu at the nodes with errors corrected."""
+        return changes_at_nodes(nominal, published_grid(measured.corrected(errors)))
+
+    changes, surface = changes_by(sources, change), nominal.to_surface()
+    return SurfaceUncertainty(surface, sources, changes, nominal.scatter, measured.arcs_deg)
 
 
 def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[Source, ...]:
     """Return the errors of the bench, and of the reduction, that runs share."""
-    bent = measured.kind.spans.EI > 0.0
-    bench = rig_sources(given, int(measured.arc.max()) + 1, bent=bent)
+    results = (RIG, BENT) if measured.kind.spans.EI > 0.0 else (RIG,)
+    bench = stated_sources(given, results, n_arcs=int(measured.arc.max()) + 1)
     return (*bench, *reduction_sources(measured.columns))
 
 
-U_COLUMNS = ("mu_sliding_u", "normal_force_u_N_m")
-Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
+QUANTITIES = {"mu_sliding": "mu_sliding_u", "normal_force_N_m": "normal_force_u_N_m"}
+"""Quantity of a run -> the column of its combined uncertainty."""
+Found = tuple[dict[str, Array], list[dict[str, Any]]]
 
 
 def friction_uncertainty(
@@ -400,25 +392,26 @@ def friction_uncertainty(
     used, and one row per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    u = {name: np.full(len(columns["status"]), np.nan) for name in U_COLUMNS}
+    u = {name: np.full(len(columns["status"]), np.nan) for name in QUANTITIES.values()}
     lines: list[dict[str, Any]] = []
-    if rows.size:  # a table may state coefficients without an arc
-        measured = measured_runs(columns, rows, R, kind)
-        sources = sources_of_runs(measured, given)
-        value = _of_runs(measured)
-        scatter = np.stack([measured.mu_se / measured.mu, np.zeros(rows.size)])
-        changes = changes_by(sources, lambda e: _of_runs(measured.corrected(e))) / value[..., None]
-        quantities = ("mu_sliding", "normal_force_N_m")
-        for k, (name, quantity) in enumerate(zip(U_COLUMNS, quantities, strict=True)):
-            u[name][rows] = value[k] * combined(changes[k], scatter[k])
-            part = Scatter("scatter of the samples", scatter[k])
-            lines += budget(quantity, sources, changes[k], part)
+    if not rows.size:  # a table may state coefficients without an arc
+        return u, lines
+    measured = measured_runs(columns, rows, R, kind)
+    sources = sources_of_runs(measured, given)
+
+    def of_runs(errors: Errors) -> Array:
+        """Return coefficient and normal force (2, n) with errors corrected."""
+        corrected = measured.corrected(errors)
+        return np.stack([corrected.mu, corrected.normal_force])
+
+    changes, scatter = changes_by(sources, of_runs), measured.mu_se / measured.mu
+    values = measured.mu, measured.normal_force
+    for value, change, (quantity, name) in zip(values, changes, QUANTITIES.items(), strict=True):
+        relative = change / value[:, None]
+        own = scatter if quantity == "mu_sliding" else 0.0 * scatter
+        u[name][rows] = value * np.hypot(np.linalg.norm(relative, axis=1), own)
+        lines += budget(quantity, sources, relative, Scatter("scatter of the samples", own))
     return u, lines
-
-
-def _of_runs(measured: Measured) -> Array:
-    """Return coefficient and normal force of the runs (2, n)."""
-    return np.stack([measured.mu, measured.normal_force])
 
 
 def stiffness_uncertainty(
@@ -429,20 +422,19 @@ def stiffness_uncertainty(
     Returns columns ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``, and one row per coefficient and
     source.
     """
-    sources = press_sources(given)
-    u = np.zeros((len(laws), 2))
-    rows: list[dict[str, Any]] = []
+    sources, u = stated_sources(given, (PRESS,)), np.zeros((len(laws), 2))
     for i, law in enumerate(laws):
         k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
         size = np.where(k > 0.0, k, 1.0)
-        normal_law = NormalLaw(*k.tolist())
-        press = PressLaw(normal_law, np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
+        press = PressLaw(NormalLaw(*k), np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
         changes = changes_by(sources, press.coefficients) / size[:, None]
         scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
-        u[i] = size * combined(changes, scatter)
+        u[i] = size * np.hypot(np.linalg.norm(changes, axis=1), scatter)
         freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
-        if law is laws[-1]:
-            for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):
-                part = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
-                rows += budget(name, sources, changes[j : j + 1], part)
+    rows: list[dict[str, Any]] = []
+    for name, change, own in zip(
+        ("k_linear_N_m2", "k_quadratic_N_m3"), changes, scatter, strict=True
+    ):
+        part = Scatter("scatter of the press curves", own[None], freedom)
+        rows += budget(name, sources, change[None], part)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

@@ -1,4 +1,10 @@
-"""Uncertainty of simulated runs, and of their difference from measured ones (ASME V&V 20).
+"""Runs on the simulated rig, their derivatives, and the uncertainty of what they say.
+
+The belt of each run is laid on the pulley once; the run then slides with many surfaces (sliding
+limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) with respect to
+mu at every place where the belt looks it up, and so with respect to any parameter of the surface.
+The derivatives by the inputs of the rig come from one more simulation for each input. This is the
+only module of the rooms ``uncertainty``, ``refine`` and ``plan`` that calls the rig.
 
 An error of the bench acts on the measured values and on the inputs of the simulation (the surface
 built from the same bench; arc, tension, radius, stiffnesses), and may cancel in their difference.
@@ -15,30 +21,26 @@ the bench missed and the simulation did not is a known error without correction:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Final, Self
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.agreement import AgreementResult
-from beltid.identify.friction.run import TWO_CELLS, RigKind
+from beltid.identify.friction.run import RigKind
+from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
-from beltid.rig.model import Bench
-from beltid.uncertainty.measured import PressLaw, own_errors, shared_columns
-from beltid.uncertainty.rig_runs import (
-    INPUTS,
-    Campaign,
-    RigRuns,
-    as_measured,
-    input_slopes,
-    mesh_of,
-    residual_changes,
-)
+from beltid.rig.model import Bench, RigModel
+from beltid.rig.steady import StaticState, lay_on, slide, tension_sensitivity
+from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
+    NO_ERRORS,
+    Errors,
     Scatter,
     Source,
     budget,
@@ -49,11 +51,177 @@ from beltid.uncertainty.sources import (
 
 Array = NDArray[np.float64]
 
-DIGITS: Final = 5
+INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
+"""Inputs of the simulated rig whose errors act on a run."""
+STEP: Final = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
+MESH: Final = 2.0
+"""Ratio of elements to the default: where contact points come and go, derivatives scatter more than
+values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Measured runs and the bench on which they are simulated."""
+
+    measured: Measured  # the runs
+    bench: Bench  # belt, rig, and the surface that the inverse solution starts from
+    press: PressLaw  # the contact law and its fit to the press
+
+    def inputs(self, runs: Measured, errors: Errors = NO_ERRORS) -> Array:
+        """Return `INPUTS` of the simulated rig for its runs, with errors of the bench corrected.
+
+        `runs` are those that were measured, with the same errors corrected, (n, 8).
+        """
+        belt, law = self.bench.belt, self.press.corrected(errors)
+        shared = (
+            runs.R,
+            self.bench.rig.span + errors.at("span_length"),
+            belt.EI * (1.0 + errors.at("bending_stiffness")),
+            belt.EA * (1.0 + errors.at("axial_stiffness")),
+            law.k_linear_N_m2,
+            law.k_quadratic_N_m3,
+        )
+        same = np.broadcast_to(shared, (runs.mu.size, len(shared)))
+        return np.column_stack([runs.beta, runs.T_0, same])
+
+
+def simulated_runs(
+    bench: Bench,
+    points: Sequence[OperatingPoint],
+    arc: NDArray[np.intp],
+    kind: RigKind,
+    tensions: Array | tuple[Array, Array] | None = None,
+) -> Measured:
+    """Return simulated runs as if their tight and slack tensions had been measured exactly.
+
+    Without `tensions` they are those at rest.
+    """
+    beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
+    tight, slack = (T_0, T_0) if tensions is None else tensions
+    mu, given = friction_coefficient(tight, slack, beta), bench.rig.given_force
+    settings = bench.rig.R, arc, beta, T_0, omega
+    return Measured(*settings, tight, slack, mu, np.zeros(mu.size), kind=kind, given_force=given)
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """The sliding limit of a run."""
+
+    tight: float  # tensions [N]
+    slack: float
+    mu: float  # by Eq. (6)
+    force: Array  # line forces at which the belt looks up its friction [N/m], (m,)
+    load: Array  # normal loads on which this friction acts [N], (m,)
+    weight: Array  # derivatives of ln mu with respect to ln mu of each look-up, (m,)
+
+
+class RigRuns:
+    """The runs of a campaign with the belt laid on once, ready to slide with many surfaces.
+
+    Each run belongs to the nearest of the speeds (m,) [m/s], increasing. The mesh is a ratio of
+    belt elements to the default, their number in each run, or that of the models of a rig that
+    differs a little: the noise of another mesh is larger than the difference. `inputs` (n, 8) take
+    the place of those of the campaign.
+    """
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        speeds: Array,
+        mesh: float | Sequence[int | RigModel],
+        inputs: Array | None = None,
+    ) -> None:
+        bench, runs = campaign.bench, campaign.measured
+        inputs = campaign.inputs(runs) if inputs is None else inputs
+        self.beta, self.speeds = inputs[:, 0], np.asarray(speeds, dtype=float)
+        self.label = np.argmin(np.abs(np.log(runs.slip_speed[:, None] / self.speeds)), axis=1)
+        self.off_speed = np.log(runs.slip_speed / self.speeds[self.label])
+        self.models: list[RigModel] = []
+        for i, (beta, T_0, R, span, EI, EA, *k) in enumerate(inputs.tolist()):
+            belt, rig = replace(bench.belt, EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
+            of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
+            point = OperatingPoint(beta, T_0, self.speeds[self.label[i]] / R)
+            if isinstance(mesh, float):
+                own: int | RigModel = 2 * round(0.5 * mesh * (of_run.model(point).nodes.size - 1))
+            else:
+                own = mesh[i]
+            self.models.append(of_run.model(point, own))
+        self._laid = [lay_on(model) for model in self.models]
+
+    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
+        """Compute every run with the surface of its speed, with derivatives by the friction.
+
+        Raises `ConvergenceError` if a run has no sliding state.
+        """
+        runs = []
+        for model, state, surface in self._states(surfaces):
+            beta, speed = model.point.beta, model.point.omega * model.path.R
+            mu = float(friction_coefficient(state.T_A, state.T_B, beta))
+            force, tight, slack = tension_sensitivity(model, state)
+            per_mu = tight / state.T_A - slack / state.T_B
+            weight = per_mu / (beta * mu) * surface.mu(force, speed)
+            load = state.points[state.touching]["F_N"]
+            runs.append(Sliding(state.T_A, state.T_B, mu, force, load, weight))
+        return runs
+
+    def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
+        """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
+        tensions = [(state.T_A, state.T_B) for _, state, _ in self._states(surfaces)]
+        tight, slack = np.array(tensions).T
+        mu = friction_coefficient(tight, slack, self.beta)
+        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
+
+    def _states(
+        self, surfaces: Sequence[FrictionSurface]
+    ) -> Iterator[tuple[RigModel, StaticState, FrictionSurface]]:
+        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
+            run = model.with_surface(surfaces[j])
+            yield run, slide(run, laid), surfaces[j]
+
+
+def input_slopes(
+    campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
+) -> Array:
+    """Compute derivatives of the simulated ln mu of each run by the ln of each input (n, 8).
+
+    `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
+    of each run by ln v (n,).
+    """
+    rig, inputs = RigRuns(campaign, speeds, MESH), campaign.inputs(campaign.measured)
+    nominal, steps = rig.log_mu(surfaces, speed_slope), 1.0 + STEP * np.eye(len(INPUTS))
+    stepped = (RigRuns(campaign, speeds, rig.models, inputs * step) for step in steps)
+    columns = [near.log_mu(surfaces, speed_slope) - nominal for near in stepped]
+    return np.asarray(np.column_stack(columns) / np.log1p(STEP))
+
+
+def residual_changes(
+    campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
+) -> Array:
+    """Compute the change of measured minus simulated ln mu by one u of each source (n, K).
+
+    With the derivatives of the simulated ln mu of :func:`input_slopes`, (n, 8) and (n,).
+    """
+    before = campaign.measured
+    inputs = campaign.inputs(before)
+
+    def residual(errors: Errors) -> Array:
+        """Return the residual with errors corrected, less that without."""
+        after = before.corrected(errors)
+        corrected = campaign.inputs(after, errors)
+        known = (inputs > 0.0) & (corrected > 0.0)  # either coefficient of the law may be zero
+        steps = np.log(np.divide(corrected, inputs, out=np.ones_like(inputs), where=known))
+        simulated = np.sum(slopes * steps, axis=1)
+        simulated += speed_slope * np.log(after.slip_speed / before.slip_speed)
+        return np.asarray(np.log(after.mu / before.mu) - simulated)
+
+    return changes_by(sources, residual)
+
+
+DIGITS: Final = 5  # of what is stored
 MESH_SHARE: Final = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-FINER_MESH: Final = 2.0  # ratio of elements in the finer mesh that shows the mesh error
+ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,30 +237,33 @@ class RunsUncertainty:
     by_setting: Array
     """Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
     misses, (n, 2)."""
-    mu: Array = field(default_factory=lambda: np.zeros(0))  # in the sliding limit, (n,)
+    mu: Array | None = None  # in the sliding limit, (n,)
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Join the uncertainties of groups of runs with the same sources."""
-        names = (*ARRAYS, "mu")
-        every = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-        return cls(parts[0].sources, tuple(label for p in parts for label in p.runs), **every)
+    def joined(cls, parts: Sequence[Self], runs: Sequence[str]) -> Self:
+        """Join groups of runs, whose sources may differ, under the labels of all runs."""
+        sources = dict[tuple[str, int], Source]()
+        for source in (source for part in parts for source in part.sources):
+            sources.setdefault((source.error, source.place), source)
+        places = {key: k for k, key in enumerate(sources)}
+        arrays = {name: [getattr(part, name) for part in parts] for name in (*ARRAYS, "mu")}
+        for name in ("simulated", "difference"):
+            for k, part in enumerate(parts):
+                aligned = np.zeros((len(arrays[name][k]), len(places)))
+                aligned[:, [places[s.error, s.place] for s in part.sources]] = arrays[name][k]
+                arrays[name][k] = aligned
+        joined = {name: np.concatenate(values) for name, values in arrays.items()}
+        return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
-        """Return it as JSON data."""
-        arrays = {name: _short(getattr(self, name)) for name in ARRAYS}
+        """Return it as JSON data, with as many digits as an uncertainty needs."""
+        arrays = {}
+        for name in ARRAYS:
+            values = getattr(self, name)
+            short = [float(f"{x:.{DIGITS}g}") for x in values.ravel()]
+            arrays[name] = np.reshape(short, values.shape).tolist()
         sources = [asdict(source) for source in self.sources]
         return {"sources": sources, "runs": list(self.runs), **arrays}
-
-
-ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
-
-
-def _short(values: Array) -> list[Any]:
-    """Convert to nested lists with few digits, enough for an uncertainty."""
-    return [
-        _short(row) if np.ndim(row) else float(f"{row:.{DIGITS}g}") for row in np.asarray(values)
-    ]
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
@@ -105,46 +276,23 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
 
 
 def simulated_uncertainty(
-    bench: Bench,
-    press: PressLaw,
-    points: Sequence[OperatingPoint],
-    arc: NDArray[np.intp],
+    campaign: Campaign,
     sources: Sequence[Source],
     elements: int | None = None,
-    kind: RigKind = TWO_CELLS,
     same_bench: bool = False,
-    labels: Sequence[str] = (),
-    found: Array | None = None,
 ) -> RunsUncertainty:
-    """Compute the uncertainty of simulated runs (sliding limit).
+    """Compute the uncertainty of simulated runs (sliding limit), without labels.
 
-    Parameters
-    ----------
-    bench, press, kind
-        The bench, its contact law with the fit to the press, and what it measures; only a surface
-        with a covariance contributes its shared errors.
-    points, labels, arc
-        The runs, their labels, and the number of the arc setting of each, as in the sources (n,).
-    sources : sequence of Source
-        Errors; the first ones belong to the columns of the surface's factor.
-    elements : int, optional
-        Belt elements; by default as in the simulation.
-    same_bench : bool
-        Whether the surface and the measured runs are of this bench and at these settings: its
-        inputs are then without error, and no source may be one of the bench.
-    found : ndarray, shape (n,), optional
-        Coefficients of the simulated recordings [-]; by default those of the sliding limit.
-
-    Raises
-    ------
-    ConvergenceError
-        If a run cannot be simulated.
+    The campaign has settings and coefficients of the simulated recordings, and the bench with its
+    surface, whose covariance, if it has one, contributes its shared errors: the first sources are
+    those of its factor. On the `same_bench` the coefficients were measured on the bench of the
+    surface, at these settings: its inputs are then without error, and no source may be one of the
+    bench. Raises `ConvergenceError` if a run cannot be simulated.
     """
-    surface, n = bench.surface, len(points)
-    speeds = np.unique([point.omega for point in points]) * bench.rig.R
+    surface, n = campaign.bench.surface, campaign.measured.mu.size
+    speeds = np.unique(campaign.measured.slip_speed)
     surfaces = [surface] * speeds.size
-    mesh = [elements] * n if elements else mesh_of(bench, points, 1.0)
-    rig = RigRuns(bench, points, speeds, mesh)
+    rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
     runs = rig.slide(surfaces)
     by_surface, scatter, speed_slope = np.zeros((n, len(sources))), np.zeros(n), np.zeros(n)
     for i, run in enumerate(runs):
@@ -153,24 +301,23 @@ def simulated_uncertainty(
         by_surface[i, : shared.size] = shared
         _, per_v = surface.gradient(run.force, v)
         speed_slope[i] = float(run.weight @ (per_v * v / surface.mu(run.force, v)))
-    mu = np.array([run.mu for run in runs])
-    finer = RigRuns(bench, points, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
+    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
     response = np.array([run.weight.sum() for run in runs])
-    tensions = np.array([run.tight for run in runs]), np.array([run.slack for run in runs])
-    measured = as_measured(bench, points, tensions, arc, kind)
-    by_arc = response[:, None] * np.eye(int(arc.max()) + 1)[arc]
-    measured = replace(measured, columns={ARC: by_arc})
-    campaign = Campaign(measured, bench, press)
-    slopes = np.zeros((n, len(INPUTS)))
+    arc = campaign.measured.arc
+    by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
+    measured = replace(campaign.measured, tight=tight, slack=slack, mu=mu, columns=by_arc)
+    slopes, remaining = np.zeros((n, len(INPUTS))), np.zeros(n)
     if not same_bench:
         slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
+        # build-up that is left at the end of a simulated run, and error of its time steps
+        remaining = np.abs(np.log(campaign.measured.mu / mu))
+    campaign = replace(campaign, measured=measured)
     difference = by_surface - residual_changes(campaign, sources, slopes, speed_slope)
-    # remaining build-up at the end of a simulated run, and error of its time steps
-    remaining = 0.0 if found is None else np.abs(np.log(found / mu))
+    finer = RigRuns(campaign, speeds, [2 * (model.nodes.size - 1) for model in rig.models])
     by_mesh = np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu))
     return RunsUncertainty(
         sources=tuple(sources),
-        runs=tuple(labels),
+        runs=(),
         simulated=difference + changes_by(sources, lambda e: np.log(measured.corrected(e).mu)),
         difference=difference,
         scatter=scatter,
@@ -195,77 +342,31 @@ def _of_surface(
 WITHIN: Final = 2.0
 """Standard uncertainties within which a difference says nothing about the model [-]."""
 SHOWN: Final = 3  # contributions that are named
+SETTINGS: Final = (
+    ("initial_tension_N", "nominal_tension_N"),
+    ("pulley_speed_rad_s", "pulley_speed_rad_s"),
+)
+"""Column of the actual setting, and of the simulated one."""
+SCATTERS: Final = (
+    "scatter of the measured runs",
+    "scatter behind the simulated runs",
+    "mesh and time steps of the simulation",
+    "settings that the bench missed",
+)
+UNKNOWN: Final = (
+    "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
+    "contains it): u_validation holds only that of the measured runs, and the scatter"
+)
 
 
-@dataclass(frozen=True, slots=True)
-class Validation:
-    """Relative standard uncertainties of compared runs, arrays (n,)."""
+class Validation(NamedTuple):
+    """What a comparison says of its uncertainties."""
 
-    measured: Array  # of the measured coefficient: shared errors and scatter
-    measured_scatter: Array  # scatter only
-    simulated_scatter: Array  # of the simulated coefficient by scatter
-    numerical: Array  # by mesh and time steps
-    settings: Array  # change of the coefficient by the settings that the bench missed
-    simulated: Array  # changes of the simulated coefficient by each shared source, (n, K)
-    difference: Array  # changes of the difference by each shared source, (n, K)
-    sources: tuple[Source, ...] = ()  # shared errors
-    inputs_known: bool = False  # whether the uncertainty of the simulated runs is known
-
-    @property
-    def u_input(self) -> Array:
-        """Standard uncertainty of the simulated coefficient by its inputs (n,)."""
-        own = np.column_stack([self.simulated, self.simulated_scatter, self.settings])
-        return np.asarray(np.linalg.norm(own, axis=1))
-
-    @property
-    def u_validation(self) -> Array:
-        """Standard uncertainty of the difference (n,)."""
-        own = (self.measured_scatter, self.simulated_scatter, self.numerical, self.settings)
-        return np.asarray(np.linalg.norm(np.column_stack([self.difference, *own]), axis=1))
-
-    def columns(self, result: AgreementResult) -> dict[str, Array]:
-        """Return columns of the comparison table: absolute uncertainties of mu [-]."""
-        mu = result.mu_measured
-        known = mu * (1.0 if self.inputs_known else np.nan)
-        return {
-            "u_measured": self.measured * mu,
-            "u_input": self.u_input * known,
-            "u_numerical": self.numerical * known,
-            "u_validation": self.u_validation * mu,
-            "e_over_u": result.error_over_uncertainty,
-        }
-
-    def budget(self) -> list[dict[str, Any]]:
-        """Return the rows of the budget of the difference."""
-        return budget(
-            "difference",
-            self.sources,
-            self.difference,
-            Scatter("scatter of the measured runs", self.measured_scatter),
-            Scatter("scatter behind the simulated runs", self.simulated_scatter),
-            Scatter("mesh and time steps of the simulation", self.numerical),
-            Scatter("settings that the bench missed", self.settings),
-        )
-
-    def facts(self, result: AgreementResult) -> dict[str, Any]:
-        """Return how many differences are within their uncertainty, and their ratio."""
-        ratio = np.abs(result.error_over_uncertainty)
-        rms = result.rms_error_over_uncertainty
-        return {
-            "n": int(ratio.size),
-            "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
-            "rms_e_over_u": rms if np.isfinite(rms) else None,
-            "inputs_known": self.inputs_known,
-        }
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes for the reader."""
-        if self.inputs_known:
-            return ()
-        return (
-            "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
-            "contains it): u_validation holds only that of the measured runs, and the scatter",
-        )
+    columns: dict[str, Array]  # of the comparison table: absolute uncertainties of mu [-], (n,)
+    budget: list[dict[str, Any]]  # of the relative difference
+    facts: dict[str, Any]
+    """How many differences are within their uncertainty, and their ratio."""
+    notes: tuple[str, ...]
 
 
 def validated(
@@ -280,60 +381,68 @@ def validated(
     """
     of_measured, of_simulated = result.rows
     mu = result.mu_measured
+    none = np.zeros(mu.size)
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
-        return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else 0.0 * mu
+        return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
-    scatter = column(measured, "mu_sliding_se", of_measured) / mu
-    combined = column(measured, "mu_sliding_u", of_measured) / mu
-    whole, none = np.where(combined > 0.0, combined, scatter), np.zeros(mu.size)
+    own, shared = own_errors(measured), shared_columns(measured)
+    whole = column(measured, "mu_sliding_u", of_measured) / mu
+    of_runs = column(measured, "mu_sliding_se", of_measured) / mu
+    whole = np.where(whole > 0.0, whole, of_runs)
+    of_runs = of_runs if own is None else np.nan_to_num(own[of_measured]) / mu
     labels = [str(simulated["run"][i]) for i in of_simulated]
-    if uncertainty is None or not set(labels) <= set(uncertainty.runs):
-        of_simulation = column(simulated, "mu_sliding_se", of_simulated) / mu
-        empty = np.zeros((mu.size, 0))
-        parts = Validation(whole, whole, of_simulation, none, none, empty, empty)
-        return replace(result, u_validation=parts.u_validation), parts
-
-    def missed(name: str, stated: str) -> Array:
-        """Return ln of the actual over the simulated setting; zero if one is unknown."""
-        actual = np.abs(column(measured, name, of_measured))
-        nominal = np.abs(column(simulated, stated, of_simulated))
-        known = (actual > 0.0) & (nominal > 0.0)
-        return np.log(np.where(known, actual, 1.0) / np.where(known, nominal, 1.0))
-
+    is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
+    if uncertainty is None or not is_known:
+        shared, of_runs, nothing = {}, whole, np.zeros((mu.size, 0))
+        scatter = column(simulated, "mu_sliding_se", of_simulated) / mu
+        arrays = nothing, nothing, scatter, none, np.zeros((mu.size, 2))
+        uncertainty = RunsUncertainty((), tuple(labels), *arrays)
     rows = [uncertainty.runs.index(label) for label in labels]
-    settings = [
-        missed("initial_tension_N", "nominal_tension_N"),
-        missed("pulley_speed_rad_s", "pulley_speed_rad_s"),
-    ]
-    by_setting = np.sum(uncertainty.by_setting[rows] * np.column_stack(settings), axis=1)
     # if the surface was built from these runs, an error of their reduction changes both
-    shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
     present = {source.error for source in uncertainty.sources}
-    added = tuple(source for source in reduction_sources(shared) if source.error not in present)
-    sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
-    of_runs = np.zeros((mu.size, len(sources)))
-    for k, source in enumerate(sources):
-        of_runs[:, k] = shared.get(source.error, 0.0)
-    own = own_errors(measured)
-    parts = Validation(
-        measured=whole,
-        measured_scatter=scatter if own is None else np.nan_to_num(own[of_measured]) / mu,
-        simulated_scatter=uncertainty.scatter[rows],
-        numerical=uncertainty.numerical[rows],
-        settings=np.abs(by_setting),
-        simulated=np.hstack([uncertainty.simulated[rows], more]),
-        difference=np.hstack([uncertainty.difference[rows], more]) - of_runs,
-        sources=sources,
-        inputs_known=True,
+    added = [source for source in reduction_sources(shared) if source.error not in present]
+    sources = (*uncertainty.sources, *added)
+    of_reduction = [shared[s.error][of_measured] if s.error in shared else none for s in sources]
+    inputs, both = (
+        np.vstack([changes[rows].T, np.zeros((len(added), mu.size))])
+        for changes in (uncertainty.simulated, uncertainty.difference)
     )
-    return replace(result, u_validation=parts.u_validation), parts
+    difference = both - np.reshape(of_reduction, both.shape)
+    missed = none
+    for slope, names in zip(uncertainty.by_setting[rows].T, SETTINGS, strict=True):
+        actual = np.abs(column(measured, names[0], of_measured))
+        nominal = np.abs(column(simulated, names[1], of_simulated))
+        both_known = (actual > 0.0) & (nominal > 0.0)
+        ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
+        missed = missed + slope * np.log(ratio)
+    of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+    scatters = of_runs, of_surface, numerical, np.abs(missed)
+    u_validation = np.linalg.norm([*scatters, *difference], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *inputs], axis=0)
+    result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
+    rms = result.rms_error_over_uncertainty
+    columns = {
+        "u_measured": whole * mu,
+        "u_input": u_input * known,
+        "u_numerical": numerical * known,
+        "u_validation": u_validation * mu,
+        "e_over_u": result.error_over_uncertainty,
+    }
+    facts = {
+        "n": int(mu.size),
+        "within_2u": int(np.count_nonzero(np.abs(columns["e_over_u"]) <= WITHIN)),
+        "rms_e_over_u": rms if np.isfinite(rms) else None,
+        "inputs_known": is_known,
+    }
+    lines = budget("difference", sources, difference.T, *map(Scatter, SCATTERS, scatters))
+    return result, Validation(columns, lines, facts, () if is_known else (UNKNOWN,))
 
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the largest contributions, in words."""
-    parts = {row["source"]: row["contribution_percent"] or 0.0 for row in rows}
-    parts.pop("combined", None)
-    largest = sorted(((x, name) for name, x in parts.items() if x > 0.0), key=lambda part: -part[0])
-    return ", ".join(f"{name} {x:.2g} %" for x, name in largest[:SHOWN])
+    """Return the largest contributions of a budget, in words."""
+    parts = [row for row in rows[:-1] if row["contribution_percent"] > 0.0]
+    parts.sort(key=lambda row: -row["contribution_percent"])
+    words = (f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN])
+    return ", ".join(words)

@@ -4,11 +4,7 @@ A source is one number that is wrong by an unknown amount *for all runs that sha
 calibration of the cells for all runs, the setting of an arc for the runs at that arc, the law of
 the press for the whole surface. Many runs do not average it out. Noise of the samples is no source;
 it is in the standard error of each run. Sign: an error is the true value minus the value used,
-relative to it or in its unit.
-
-A budget names, compares and combines every contribution (JCGM 100): by its root mean square over
-the values of a result (runs, nodes) and by its largest one, relative to the result. The combined
-uncertainty is the root of the sum of squares at each value.
+relative to it or in its unit. A budget adds all contributions in squares (JCGM 100).
 """
 
 from __future__ import annotations
@@ -25,16 +21,13 @@ from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
-STATED: Final = "stated"
-ASSUMED: Final = "assumed"
-FITTED: Final = "fitted"
-
+STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
 PERCENT: Final = ("%", 0.01)
 DEGREE: Final = ("deg", math.pi / 180.0)
 NEWTON: Final = ("N", 1.0)
 MILLIMETRE: Final = ("mm", 1.0e-3)
 
-RIG, SPANS, MODEL, PRESS, DRIVE = "rig", "spans", "model", "press", "drive"
+RIG, BENT, MODEL, PRESS, DRIVE = "rig", "bent spans", "model", "press", "drive"
 ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"
 
 
@@ -62,8 +55,8 @@ KINDS: Final = (
     Kind("arc_setting", "contact arc, each setting", DEGREE, ARCS, (RIG,)),
     Kind("pulley_radius", "radius of the belt's centreline", PERCENT, 1, (RIG,)),
     Kind("pulley_speed", "speed of the pulley", PERCENT, 1, (RIG,)),
-    Kind("span_length", "length of the spans", MILLIMETRE, 1, (MODEL, SPANS)),
-    Kind("bending_stiffness", "bending stiffness of the belt", PERCENT, 1, (MODEL, SPANS)),
+    Kind("span_length", "length of the spans", MILLIMETRE, 1, (MODEL, BENT)),
+    Kind("bending_stiffness", "bending stiffness of the belt", PERCENT, 1, (MODEL, BENT)),
     Kind("axial_stiffness", "axial stiffness of the belt", PERCENT, 1, (MODEL, DRIVE)),
     Kind("initial_tension", "belt tension at rest", PERCENT, 1, (DRIVE,)),
     Kind("torque", "torque", PERCENT, 1, (DRIVE,)),
@@ -127,19 +120,21 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """One realisation of all errors: arrays by the key of the source."""
+    """One realisation of all errors, by key and place of the source; the others are zero."""
 
-    values: Mapping[str, Array] = field(default_factory=dict)
+    values: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     def at(self, error: str, place: int = 0) -> float:
-        """Return the error of one source; zero if it has none."""
-        values = self.values.get(error)
-        return 0.0 if values is None or place >= values.size else float(values[place])
+        """Return the error of one source."""
+        return self.values.get((error, place), 0.0)
 
     @classmethod
     def single(cls, source: Source) -> Errors:
         """Return errors with one source wrong by its standard uncertainty and no others."""
-        return cls({source.error: source.size * np.eye(source.place + 1)[source.place]})
+        return cls({(source.error, source.place): source.size})
+
+
+NO_ERRORS: Final = Errors()
 
 
 def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> Array:
@@ -148,41 +143,41 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
     `result` returns it with errors corrected. With their signs: correlations follow from products
     of the columns.
     """
-    nominal = np.asarray(result(Errors()))
+    nominal = np.asarray(result(NO_ERRORS))
     columns = [result(Errors.single(source)) - nominal for source in sources]
     return np.stack([*columns, nominal], axis=-1)[..., :-1]
 
 
-def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
-    """Return the sources of the friction rig in Eqs. (6) to (8); of `bent` spans, too."""
-    return (*_stated(u, RIG, {ARCS: n_arcs}), *(_stated(u, SPANS, {}) if bent else ()))
+SURFACE = (RIG, MODEL, PRESS)
+"""What changes a surface that is built with the simulated rig."""
+LAW: Final = "law"
 
 
-def press_sources(u: StandardUncertainties, law_scatter: bool = False) -> tuple[Source, ...]:
-    """Return the sources of the contact law, with its scatter if the covariance is known.
-
-    All runs use the same law, so its scatter is an error that they share.
-    """
-    words = "contact law, scatter of the press"
-    return (*(Source(words, "law", k) for k in range(2 * law_scatter)), *_stated(u, PRESS, {}))
-
-
-def all_sources(
-    u: StandardUncertainties, n_arcs: int, law_scatter: bool = True
+def stated_sources(
+    u: StandardUncertainties,
+    results: Sequence[str],
+    n_arcs: int = 0,
+    n_pulleys: int = 0,
+    law_scatter: bool = False,
 ) -> tuple[Source, ...]:
-    """Return the sources of a surface that was built with the simulated rig."""
-    return (*rig_sources(u, n_arcs), *_stated(u, MODEL, {}), *press_sources(u, law_scatter))
+    """List the errors that change some results, in the order of the results.
 
-
-def drive_sources(
-    u: StandardUncertainties, n_pulleys: int, law_scatter: bool
-) -> tuple[Source, ...]:
-    """Return the sources of a predicted drive, without the scatter of its friction surface.
-
-    The places of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
+    With `law_scatter`, the covariance of the contact law is known: all runs use the same law, so
+    that its scatter is an error that they share. The places of ``drive_centres`` are the abscissae
+    of all pulleys, then their ordinates.
     """
-    counts = {PULLEYS: n_pulleys, COORDINATES: 2 * n_pulleys}
-    return (*_stated(u, DRIVE, counts), *press_sources(u, law_scatter))
+    counts = {ARCS: n_arcs, PULLEYS: n_pulleys, COORDINATES: 2 * n_pulleys}
+    sources = []
+    for result in results:
+        if result == PRESS and law_scatter:
+            sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
+        for kind in KINDS:
+            if result in kind.results and (size := u[kind.error]) > 0.0:
+                basis = STATED if kind.error in u.stated else ASSUMED
+                n = kind.places if isinstance(kind.places, int) else counts[kind.places]
+                shared = kind.name, kind.error
+                sources += [Source(*shared, k, size, *kind.unit, basis) for k in range(n)]
+    return tuple(sources)
 
 
 BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
@@ -209,37 +204,24 @@ def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
 
 def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
     """Read sources of error from metadata."""
-    return tuple(Source(**{name: row[name] for name in Source.__slots__}) for row in stored)
+    return tuple(Source(**row) for row in stored)
 
 
-def with_rig_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
+def with_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
     """Return the sources stored with a surface, then the given ones that it lacks."""
     there = {(source.error, source.place) for source in stored}
     return (*stored, *(s for s in given if (s.error, s.place) not in there))
 
 
-def _stated(u: StandardUncertainties, result: str, counts: Mapping[str, int]) -> tuple[Source, ...]:
-    """List the errors that change a result, by the number of arcs, pulleys, coordinates."""
-    return tuple(
-        Source(kind.name, kind.error, k, size, *kind.unit, STATED if is_stated else ASSUMED)
-        for kind in KINDS
-        if result in kind.results and (size := u[kind.error]) > 0.0
-        for is_stated in [kind.error in u.stated]
-        for k in range(kind.places if isinstance(kind.places, int) else counts[kind.places])
-    )
-
-
-COMBINED = "combined"
 LEAST_PERCENT = 1.0e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Scatter:
+class Scatter(NamedTuple):
     """Contribution that varies from run to run, or from sample to sample."""
 
-    name: str  # name of the contribution
+    name: str
     relative: Array  # standard uncertainty over the result [-], (n,)
-    degrees_of_freedom: float | None = None  # degrees of freedom of its estimate; None if not known
+    degrees_of_freedom: float | None = None  # of its estimate; None if not known
 
 
 def budget(
@@ -247,21 +229,15 @@ def budget(
 ) -> list[dict[str, Any]]:
     """Return the rows of the budget of a quantity, with the combined standard uncertainty last.
 
-    Parameters
-    ----------
-    sources : sequence of Source
-        Errors that act on all values together; those of one name are one row.
-    changes : ndarray, shape (n, K)
-        Relative change of the n values by one standard uncertainty of each source [-].
-    *scatter : Scatter
-        Other contributions, independent of each other; at least one.
+    The sources act on all values together; those of one name are one row. `changes` (n, K) are the
+    relative changes of the n values by one standard uncertainty of each; at least one scatter.
     """
-    total = np.square(combined(changes, np.zeros(scatter[0].relative.size)))
-    total = total + sum(np.square(part.relative) for part in scatter)
+    total = np.sum(np.square([*changes.T, *(part.relative for part in scatter)]), axis=0)
     whole = float(np.mean(total))
 
-    def row(source: str, acts_on: str, part: Array, **known: Any) -> dict[str, Any]:
-        mean = float(np.mean(part))
+    def row(source: str, acts_on: str, squares: Array, **known: Any) -> dict[str, Any]:
+        """Return a row from the squares (n,) of a contribution."""
+        mean = float(np.mean(squares))
         return {
             "quantity": quantity,
             "source": source,
@@ -270,37 +246,35 @@ def budget(
             "standard_uncertainty": None,
             "unit": "",
             "contribution_percent": 100.0 * math.sqrt(mean),
-            "largest_percent": 100.0 * math.sqrt(float(np.max(part))),
+            "largest_percent": 100.0 * math.sqrt(float(np.max(squares))),
             "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
             "degrees_of_freedom": None,
         } | known
 
     shared = []
     for name in dict.fromkeys(source.name for source in sources):
-        columns = [k for k, source in enumerate(sources) if source.name == name]
-        first = sources[columns[0]]
-        known: dict[str, Any] = {"basis": first.basis}
-        if first.basis != FITTED:
-            known |= {"standard_uncertainty": first.shown, "unit": first.unit}
-        squares = np.sum(np.square(changes[:, columns]), axis=1)
+        of_name = [k for k, source in enumerate(sources) if source.name == name]
+        source = sources[of_name[0]]
+        known: dict[str, Any] = {"basis": source.basis}
+        if source.basis != FITTED:
+            known |= {"standard_uncertainty": source.shown, "unit": source.unit}
+        squares = np.sum(np.square(changes[:, of_name]), axis=1)
         shared.append(row(name, "all together", squares, **known))
-    shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
-    shared.sort(key=lambda entry: -entry["contribution_percent"])
     each, reciprocal = [], 0.0
-    for part in scatter:
-        squares, freedom = np.square(part.relative), part.degrees_of_freedom
-        if np.any(squares):
-            known = {"basis": FITTED, "degrees_of_freedom": freedom}
-            each.append(row(part.name, "each run", squares, **known))
+    for name, relative, freedom in scatter:
+        line = row(name, "each run", np.square(relative), basis=FITTED, degrees_of_freedom=freedom)
+        each.append(line)
         # by Welch and Satterthwaite: a stated standard uncertainty counts as exact
-        reciprocal += float(np.mean(squares)) ** 2 / freedom if freedom else 0.0
-    freedom = whole**2 / reciprocal if reciprocal > 0.0 else None
-    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=freedom)]
-
-
-def combined(changes: Array, scatter: Array) -> Array:
-    """Combine shared errors (n, K) and scatter (n,) to relative standard uncertainties (n,)."""
-    return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
+        reciprocal += float(np.mean(np.square(relative))) ** 2 / freedom if freedom else 0.0
+    of_all = whole**2 / reciprocal if reciprocal > 0.0 else None
+    return [
+        *sorted(
+            (line for line in shared if line["largest_percent"] > LEAST_PERCENT),
+            key=lambda line: -line["contribution_percent"],
+        ),
+        *(line for line in each if line["largest_percent"] > 0.0),
+        row("combined", "", total, degrees_of_freedom=of_all),
+    ]
 
 
 def factor_of(covariance: Array) -> Array:
@@ -318,35 +292,34 @@ def factor_of(covariance: Array) -> Array:
 class SurfaceUncertainty:
     """Covariance of ln mu at the nodes of a surface by its causes."""
 
-    surface: FrictionSurface  # the surface
+    surface: FrictionSurface
     sources: Sequence[Source]  # errors that all nodes share
-    changes: np.ndarray  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
-    scatter: np.ndarray  # factor of the covariance by scatter from run to run, (nf, nv, r)
-    arcs_deg: np.ndarray  # arc settings in the order in which the sources number them [deg]
-    degrees_of_freedom: float | None = None  # degrees of freedom of the scatter
+    changes: Array  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
+    scatter: Array  # factor of the covariance by scatter from run to run, (nf, nv, r)
+    arcs_deg: Array  # arc settings in the order in which the sources number them [deg]
+    degrees_of_freedom: float | None = None  # of the scatter
     noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
     def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
-        now = all_sources(stated, len(self.arcs_deg), law_scatter)
+        now = stated_sources(stated, SURFACE, len(self.arcs_deg), law_scatter=law_scatter)
         sizes = {(source.error, source.place): source.size for source in now}
         stated_then = (s for s in self.sources if s.basis != FITTED)
         changed = (s.name for s in stated_then if sizes.get((s.error, s.place), s.size) != s.size)
         return list(dict.fromkeys(changed))
 
     @property
-    def factor(self) -> np.ndarray:
+    def factor(self) -> Array:
         """Factor of the total covariance (nf, nv, K + r), shared sources first."""
         return np.concatenate([self.changes, self.scatter], axis=-1)
 
-    def columns(self, n_rows: int) -> dict[str, Any]:
+    def columns(self, n_rows: int) -> dict[str, Array]:
         """Return ``mu_u`` and ``mu_factor`` of a table; the nodes are its first rows."""
-        mu = self.surface.mu_nodes
+        mu = self.surface.mu_nodes.ravel()
         rows = self.factor.reshape(mu.size, -1)
-        u = np.full(n_rows, np.nan)
-        u[: mu.size] = mu.ravel() * np.sqrt(np.sum(np.square(rows), axis=1))
-        factor = np.full((n_rows, max(rows.shape[1], 1)), np.nan)
-        factor[: mu.size] = rows if rows.shape[1] else 0.0
+        rows = rows if rows.shape[1] else np.zeros((mu.size, 1))
+        u, factor = np.full(n_rows, np.nan), np.full((n_rows, rows.shape[1]), np.nan)
+        u[: mu.size], factor[: mu.size] = mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows
         return {"mu_u": u, "mu_factor": factor}
 
     def extra(self, force_range: tuple[float, float]) -> dict[str, Any]:
@@ -358,11 +331,9 @@ class SurfaceUncertainty:
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
         changes = self.changes[inside].reshape(scatter.size, len(self.sources))
         part = Scatter("scatter of the runs", scatter, self.degrees_of_freedom)
-        return {
-            "uncertainty": {
-                "sources": [asdict(source) for source in self.sources],
-                "arcs_deg": self.arcs_deg,
-                "budget_force_N_m": [low, high],
-            },
-            "budget": budget("surface", self.sources, changes, part),
+        stored = {
+            "sources": [asdict(source) for source in self.sources],
+            "arcs_deg": self.arcs_deg,
+            "budget_force_N_m": [low, high],
         }
+        return {"uncertainty": stored, "budget": budget("surface", self.sources, changes, part)}

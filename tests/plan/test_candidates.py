@@ -1,4 +1,4 @@
-"""Candidates of the rig as rows of the linear model."""
+"""Candidates as rows of the linear model, and the surface before any run."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.plan.candidates import (
+    LEVEL_WIDTH,
     Candidates,
     NoiseLaw,
-    Settings,
-    in_both_directions,
+    knots_for,
+    knowledge_at,
     noise_law,
+    prior_covariance,
+    settings_of_rig,
     simulate_candidates,
+    speeds_for,
+    usual_surface,
 )
+from beltid.refine.posterior import Curves
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import ARC, Source
+from beltid.uncertainty.sources import ARC, Source, SurfaceUncertainty
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
-SETTINGS = Settings((40.0, 82.0), (60.0, 300.0), (0.05, 0.42))
+POINTS = settings_of_rig((40.0, 82.0), (60.0, 300.0), (0.05, 0.42))
 SURFACE = FrictionSurface(
     np.geomspace(200.0, 20000.0, 12),
     [0.0025, 0.021],
@@ -37,7 +43,9 @@ BENCH = Bench(Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), Contact(), LAW, SURFACE)
 @pytest.fixture(scope="module")
 def candidates() -> Candidates:
     press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
-    return simulate_candidates(BENCH, press, SETTINGS, (82.0,), SURFACE)
+    none = np.zeros((12, 2, 0))
+    measured = SurfaceUncertainty(SURFACE, (), none, none, np.array([82.0]))
+    return simulate_candidates(BENCH, press, POINTS, measured)
 
 
 def source(error: str, size: float, place: int = 0) -> Source:
@@ -46,12 +54,12 @@ def source(error: str, size: float, place: int = 0) -> Source:
 
 def simulated_mu(bench: Bench) -> np.ndarray:
     settings = SimulationSettings("steady", elements=240)  # two meshes differ less than EI matters
-    return np.array([simulate(bench, point, settings).mu for point in SETTINGS.points()])
+    return np.array([simulate(bench, point, settings).mu for point in POINTS])
 
 
 def test_arcs_that_were_measured_keep_their_numbers(candidates):
     # 40° is new: it comes after the one that is known
-    assert candidates.measured.arc.tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
+    assert candidates.campaign.measured.arc.tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
 
 
 def test_a_bending_stiffness_that_is_larger_shows_as_the_difference_of_two_simulations(candidates):
@@ -81,7 +89,7 @@ def test_an_effect_of_an_arc_and_a_tail_are_columns_of_their_runs(candidates):
 
 def test_a_gain_of_a_cell_changes_its_sign_with_the_direction_and_nothing_else_does(candidates):
     sources = [source("cell_gain", 0.002, 0), source("cell_gain", 0.002, 1), source("arc", 0.01)]
-    rows = in_both_directions(candidates.rows(sources, NoiseLaw(), {}), sources)
+    rows = candidates.rows(sources, NoiseLaw(), {}).in_both_directions(sources)
     forward, back = np.split(rows.S, 2)
     np.testing.assert_allclose(back[:, :2], forward[:, [1, 0]])
     # Eq. (6): ln(T_tight / T_slack); the tension at rest, which both move, counts little
@@ -91,7 +99,7 @@ def test_a_gain_of_a_cell_changes_its_sign_with_the_direction_and_nothing_else_d
 
 
 def test_the_noise_law_of_runs_is_found_again(candidates):
-    runs = candidates.measured
+    runs = candidates.campaign.measured
     by_tension = 0.2 * np.hypot(1.0 / runs.tight, 1.0 / runs.slack)
     noise = np.hypot(0.004, by_tension / np.log(runs.tight / runs.slack))
     found = noise_law(replace(runs, mu_se=runs.mu * noise), scale=1.5)
@@ -100,3 +108,64 @@ def test_the_noise_law_of_runs_is_found_again(candidates):
     # the fit of the surface adds 0.02 % for the simulated coefficient
     expected = 1.5**2 * (noise**2 + 2.0e-4**2)
     np.testing.assert_allclose(found.variance(runs), expected, rtol=1e-6)
+
+
+# --- the surface before any run, and between what was measured ---
+
+FORCES = np.linspace(np.log(400.0), np.log(12000.0), 8)
+SPEEDS = np.log([0.0025, 0.01, 0.04])
+WIDER = Curves(np.append(FORCES, FORCES[-1] + 0.5), np.log([0.001, *np.exp(SPEEDS)]))
+NODES = np.add.outer(np.arange(8), 9 * np.arange(1, 4)).ravel()
+
+
+def test_the_prior_holds_a_surface_of_any_usual_level_and_no_finer_than_its_roughness() -> None:
+    covariance = prior_covariance(Curves(FORCES, SPEEDS))
+    deviation = np.sqrt(np.diag(covariance)).reshape(3, 8)
+    middle = deviation[1, 3:5]
+    assert np.all((middle > LEVEL_WIDTH) & (middle < 1.2 * LEVEL_WIDTH))
+    # away from the middle the slopes count
+    assert deviation[0, 0] > deviation[1, 3]
+    assert deviation[2, 7] > deviation[1, 3]
+    # of a level known at the middle speed, a factor 4 in speed away is left what slope and bend say
+    level = np.kron(np.eye(3), np.full((1, 8), 1.0 / 8.0))
+    of_levels = level @ covariance @ level.T
+    left = of_levels[2, 2] - of_levels[2, 1] ** 2 / of_levels[1, 1]
+    assert 0.15 * np.log(4.0) < np.sqrt(left) < 0.15 * np.log(4.0) + 0.1 * np.log(4.0) ** 1.5
+
+
+def known(changes: np.ndarray, scatter: np.ndarray) -> SurfaceUncertainty:
+    surface = usual_surface(FORCES, SPEEDS)
+    return SurfaceUncertainty(surface, (), changes, scatter, np.zeros(0))
+
+
+def test_the_nodes_of_a_measured_surface_keep_their_covariance() -> None:
+    rng = np.random.default_rng(2)
+    of = known(rng.normal(size=(8, 3, 2)), 0.01 * rng.normal(size=(8, 3, 24)))
+    found = knowledge_at(WIDER, of, 3)  # an error more, which new runs alone have
+    factor = of.scatter.reshape(24, -1)
+    np.testing.assert_allclose(found.scatter[np.ix_(NODES, NODES)], factor @ factor.T, atol=1e-8)
+    changes = np.column_stack([of.changes.reshape(24, 2), np.zeros(24)])
+    np.testing.assert_allclose(found.changes[NODES], changes, atol=1e-8)
+
+
+def test_between_the_nodes_the_surface_is_that_of_a_joint_gaussian() -> None:
+    # nodes known without error: what is left of the others is their conditional covariance
+    found = knowledge_at(WIDER, known(np.ones((8, 3, 1)), np.zeros((8, 3, 1))), 1)
+    joint = np.linalg.inv(prior_covariance(WIDER))
+    new = np.setdiff1d(np.arange(36), NODES)
+    left = np.linalg.inv(joint[np.ix_(new, new)])
+    np.testing.assert_allclose(found.scatter[np.ix_(new, new)], left, rtol=1e-5, atol=1e-7)
+    # an error that lifts all nodes lifts what follows from them
+    assert np.all((found.changes > 0.6) & (found.changes < 1.1))
+
+
+def test_knots_and_speeds_of_a_measured_surface_stay() -> None:
+    surface = FrictionSurface(np.exp(FORCES), np.exp(SPEEDS), np.ones((8, 3)))
+    gap = FORCES[1] - FORCES[0]
+    knots = knots_for(float(np.exp(FORCES[0] - 1.9 * gap)), 12100.0, surface, 12)
+    np.testing.assert_allclose(knots[2:], FORCES)
+    np.testing.assert_allclose(np.diff(knots), gap)
+    speeds = speeds_for(np.array([0.0026, 0.001, 0.04]), surface)
+    np.testing.assert_allclose(speeds, [0.001, *np.exp(SPEEDS)])
+    expected = np.log(100.0) + np.log(10.0) * np.arange(5) / 4
+    assert knots_for(100.0, 1000.0, None, 5) == pytest.approx(expected)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from truth.bench import friction
 
 import beltid
 
-TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = beltid.NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
 CONFIG = {
     "rig": {
@@ -23,26 +21,9 @@ CONFIG = {
 }
 
 
-def measured(noise: float = 0.003) -> pd.DataFrame:
-    """Every third run of the 5PK bench of the truth, two of its speeds."""
-    with TRUTH.open() as file:
-        rows = [row for row in csv.DictReader(file) if row["omega"] in ("0.1", "0.42")][::3]
-    number = {
-        name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"
-    }
-    return pd.DataFrame(
-        {
-            "run": [f"R{k}" for k in range(len(rows))],
-            "arc_deg": number["arc_deg"],
-            "initial_tension_N": number["T0"],
-            "pulley_speed_rad_s": number["omega"],
-            "slip_speed_m_s": 0.05 * number["omega"],
-            "normal_force_N_m": number["f_ref"],
-            "mu_sliding": number["mu_app"],
-            "mu_sliding_se": noise * number["mu_app"],
-            "status": "ok",
-        }
-    )
+def measured() -> pd.DataFrame:
+    """Every third run of the 5PK bench of the truth at two of its speeds."""
+    return pd.DataFrame(friction(0.003)).iloc[::3]
 
 
 def test_from_results_it_goes_on_from_their_uncertainty():

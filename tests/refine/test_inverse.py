@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
-from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, solved, true_mu
+from truth.bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, solved, true_mu
 
-from beltid.errors import ConvergenceError, InputError
+from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
+from beltid.refine import inverse
 from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
 from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
@@ -71,28 +73,35 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
 def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
     found = solved("5pk", 0.005, SMALL)
-    posterior, q = found.fit.posterior, found.parameters.size
-    B = np.hstack(list(found.curves.coordinates().values()))
-    whole = B @ posterior.covariance[:q, :q] @ B.T
-    np.testing.assert_allclose(found.scatter + found.changes @ found.changes.T, whole, atol=1e-9)
+    gain, q = found.runs.gain(found.posterior)[: found.parameters.size], found.parameters.size
+    noise = gain * found.runs.variance(found.sizes) @ gain.T
+    smoothed = np.eye(q) - gain @ found.runs.X
+    precision = found.runs.precision(found.sizes)
+    prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
+    own = noise + smoothed * prior @ smoothed.T
+    at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
+    expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
+    scatter = found.uncertainty.scatter
+    np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
 
 
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
     sources = Source("EI", "bending_stiffness", size=0.05), Source("gain", "tension_gain", size=0.1)
     found = refine_surface(campaign("5pk", speeds=TWO), TWO, sources)
-    mean, sd = found.stated_errors()
+    mean, sd = found.stated_errors
     assert sd[0] < 0.3  # the runs show it better than it was stated
-    assert found.sources[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
+    left = found.uncertainty.sources
+    assert left[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
     assert abs(mean[0]) < 2.0 * sd[0]  # it was stated right
-    assert found.sources[1] == sources[1]  # a common gain does not show: it cancels in Eq. (6)
+    assert left[1] == sources[1]  # a common gain does not show: it cancels in Eq. (6)
 
 
 def test_a_run_that_is_far_off_loses_its_weight() -> None:
     of = campaign("5pk", NOISE, TWO)
     mu = of.measured.mu * np.where(np.arange(N) == 7, 1.10, 1.0)
     refined = refine_surface(replace(of, measured=replace(of.measured, mu=mu)), TWO)
-    assert refined.fit.weight[7] < 0.1
-    assert np.mean(refined.fit.weight) > 0.95
+    assert refined.weight[7] < 0.1
+    assert np.mean(refined.weight) > 0.95
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.003
 
 
@@ -116,7 +125,7 @@ def test_arcs_that_differ_are_found_and_the_surface_says_so() -> None:
     of, effects = campaign("5pk", speeds=TWO), np.array([0.03, -0.03, 0.03])
     response = solved("5pk", speeds=SMALL).runs.response
     found = refine_surface(shifted(of, response * effects[of.measured.arc], NOISE), TWO)
-    arcs = found.effect(ARC).values  # type: ignore[union-attr]
+    arcs = found.posterior.of(ARC)[0]
     np.testing.assert_allclose(arcs - arcs.mean(), effects - effects.mean(), atol=0.001)
     error, se = at_nodes(found)
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.88
@@ -136,12 +145,20 @@ def test_one_speed_and_one_arc() -> None:
     np.testing.assert_allclose(refined.surface.mu(force, 0.0105), expected, rtol=0.01)
 
 
-def test_runs_that_give_no_surface_are_refused() -> None:
-    of = campaign("5pk", speeds=TWO)
-    with pytest.raises(InputError, match=r"0\.5 m/s"):
-        refine_surface(of, np.append(TWO, 0.5))
-    with pytest.raises(InputError, match="at least 4"):
-        refine_surface(replace(of, measured=rows(of.measured, np.arange(3))), TWO)
+def test_a_surface_that_only_a_finer_mesh_gives_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = inverse._solved
+
+    def fails_once(*arguments: Any) -> Any:
+        if arguments[-1] == inverse.MESHES[0]:
+            raise ConvergenceError("no convergence in 40 iterations")
+        return solve(*arguments)
+
+    monkeypatch.setattr(inverse, "_solved", fails_once)
+    found = refine_surface(campaign("5pk", NOISE, TWO[:1]), TWO[:1])
+    (note,) = found.notes
+    assert "2 times as many belt elements" in note
+    assert "no convergence in 40 iterations" in note
+    assert solved("5pk", speeds=SMALL).notes == ()
 
 
 @pytest.mark.long

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from truth import bench
 
 import beltid
 from beltid.config.model import UncertaintySection
@@ -16,31 +15,14 @@ from beltid.uncertainty.measured import friction_uncertainty
 from beltid.uncertainty.simulated import RunsUncertainty, validated
 from beltid.uncertainty.sources import reduction_sources
 
-TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
 OWN, TAIL, DRIFT = 0.001, 0.004, -0.003
 NOTHING = {"uncertainty": dict.fromkeys(UncertaintySection.model_fields, 0)}
 
 
-def friction(**more: np.ndarray) -> dict[str, np.ndarray]:
+def friction() -> dict[str, np.ndarray]:
     """Runs of the 5PK bench at two speeds with their true coefficients, standard error OWN."""
-    with TRUTH.open() as file:
-        rows = [row for row in csv.DictReader(file) if row["omega"] in ("0.1", "0.42")]
-    column = {key: np.array([float(r[key]) for r in rows]) for key in rows[0] if key != "run"}
-    mu = column["mu_app"]
-    return {
-        "run": np.array([r["run"] for r in rows], dtype=object),
-        "arc_deg": column["arc_deg"],
-        "initial_tension_N": column["T0"],
-        "nominal_tension_N": column["T0"],
-        "pulley_speed_rad_s": column["omega"],
-        "slip_speed_m_s": 0.05 * column["omega"],
-        "normal_force_N_m": column["f_ref"],
-        "mu_sliding": mu,
-        "mu_sliding_se": OWN * mu,
-        "status": np.full(mu.size, "ok", dtype=object),
-        **more,
-    }
+    return bench.friction(OWN)
 
 
 def with_shared() -> dict[str, np.ndarray]:
@@ -116,22 +98,12 @@ def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
     assert np.all((refined.columns["mu_u"] > 1.5 * plain.columns["mu_u"])[inside])
 
 
-def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
-    # every key 0: nothing is shared; the scatter is what is left
-    outcome = beltid.build_surface(friction(), NOTHING)
-    assert set(lines(outcome.tables["budget"])) == {"scatter of the runs", "combined"}
-    assert set(lines(plain.tables["budget"])) == {
-        "differences between arcs",
-        "change over the campaign",
-        "scatter of the runs",
-        "combined",
-    }
-
-
 @pytest.mark.parametrize(("known", "left"), [(True, 0.0), (False, TAIL)])
 def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     table = with_shared()
     table["shared_drift"] = np.zeros(table["mu_sliding"].size)
+    # a bench that missed its tension by 0.6 % of ln mu
+    table["initial_tension_N"] = 1.03 * table["nominal_tension_N"]
     simulated = {**friction(), "mu_sliding": 1.01 * table["mu_sliding"]}
     result = beltid.compare(table, simulated).result
     n = result.mu_measured.size
@@ -142,15 +114,22 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         runs=tuple(str(label) for label in simulated["run"]),
         simulated=column,
         difference=column,
-        scatter=np.zeros(n),
-        numerical=np.zeros(n),
-        by_setting=np.zeros((n, 2)),
+        scatter=np.full(n, 0.003),
+        numerical=np.full(n, 0.004),
+        by_setting=np.tile([0.006 / np.log(1.03), 1.0], (n, 1)),
     )
     _, found = validated(result, table, simulated, uncertainty)
+    mu, columns = result.mu_measured, found.columns
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
-    np.testing.assert_allclose(found.measured_scatter, own, rtol=1e-6)
-    np.testing.assert_allclose(found.u_validation, math.hypot(own, left), rtol=1e-6)
-    assert [source.error for source in found.sources] == ["shared_tail"]
+    of_budget = lines(found.budget)
+    assert of_budget["scatter of the measured runs"] == pytest.approx(100 * own, rel=1e-6)
+    np.testing.assert_allclose(
+        columns["u_validation"] / mu, math.hypot(own, left, 0.003, 0.004, 0.006), rtol=1e-6
+    )
+    of_inputs = math.hypot(0.003, 0.006, TAIL if known else 0.0)
+    np.testing.assert_allclose(columns["u_input"] / mu, of_inputs, rtol=1e-6)
+    np.testing.assert_allclose(columns["u_numerical"] / mu, 0.004, rtol=1e-6)
+    assert ("shape of the tail" in of_budget) == (left > 0.0)
 
 
 def test_runs_that_scatter_far_more_than_they_say_are_reported(plain):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE
 
+from beltid.identify.friction.run import TWO_CELLS
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Contact, OperatingPoint
 from beltid.rig.model import Bench
@@ -16,11 +17,13 @@ from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.simulated import (
     MESH_SHARE,
+    Campaign,
     RunsUncertainty,
-    Validation,
+    simulated_runs,
     simulated_uncertainty,
 )
-from beltid.uncertainty.sources import StandardUncertainties, rig_sources, with_rig_sources
+from beltid.uncertainty.sources import RIG as RIG_
+from beltid.uncertainty.sources import StandardUncertainties, stated_sources, with_sources
 
 POINTS = [
     OperatingPoint(math.radians(arc), T_0, omega)
@@ -42,9 +45,11 @@ def bench(surface: FrictionSurface) -> Bench:
 
 def doubt(surface: FrictionSurface, given: StandardUncertainties = GIVEN) -> RunsUncertainty:
     press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
-    return simulated_uncertainty(
-        bench(surface), press, POINTS, ARC, rig_sources(given, 2), elements=40
-    )
+    of = bench(surface)
+    exact = [simulate(of, point, SimulationSettings("steady", 40)) for point in POINTS]
+    tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in exact]).T
+    campaign = Campaign(simulated_runs(of, POINTS, ARC, TWO_CELLS, tensions), of, press)
+    return simulated_uncertainty(campaign, stated_sources(given, (RIG_,), 2), elements=40)
 
 
 def log_mu(surface: FrictionSurface, point: OperatingPoint) -> float:
@@ -73,7 +78,7 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
 ) -> None:
     # the first source scales all nodes together; one more column is scatter
     nodes = np.ones(TRUE_SURFACE.mu_nodes.shape)
-    sources = rig_sources(GIVEN, 2)
+    sources = stated_sources(GIVEN, (RIG_,), 2)
     names = [source.error for source in sources]
     factor = np.stack([SHARE * nodes, 0.0 * nodes, OWN * nodes], axis=-1)
     found = doubt(scaled(1.0).with_covariance(factor, names[:2]))
@@ -97,7 +102,7 @@ def test_without_a_covariance_the_standard_errors_add_up(
 def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
     plain: RunsUncertainty,
 ) -> None:
-    errors = [source.error for source in rig_sources(GIVEN, 2)]
+    errors = [source.error for source in stated_sources(GIVEN, (RIG_,), 2)]
     of_measured = plain.simulated - plain.difference
     # Eq. (6): the logarithm of the tensions over the arc; a gain of both cells cancels
     beta = np.array([point.beta for point in POINTS])
@@ -125,26 +130,11 @@ def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: RunsUncertainty)
 
 
 def test_sources_a_surface_knows_are_kept_as_they_were() -> None:
-    stored = rig_sources(GIVEN, 2)
-    given = rig_sources(StandardUncertainties({"arc": math.radians(9.0), "cell_offset": 0.1}), 2)
-    together = with_rig_sources(stored, given)
+    stored = stated_sources(GIVEN, (RIG_,), 2)
+    other = StandardUncertainties({"arc": math.radians(9.0), "cell_offset": 0.1})
+    together = with_sources(stored, stated_sources(other, (RIG_,), 2))
     assert together[: len(stored)] == stored
     assert [(s.error, s.place) for s in together[len(stored) :]] == [
         ("cell_offset", 0),
         ("cell_offset", 1),
     ]
-
-
-def test_parts_of_a_validation_add_up_in_squares() -> None:
-    one = np.array([1.0])
-    found = Validation(
-        measured=0.9 * one,
-        measured_scatter=2.0 * one,
-        simulated_scatter=3.0 * one,
-        numerical=4.0 * one,
-        settings=6.0 * one,
-        simulated=np.array([[2.0, 0.0]]),
-        difference=np.array([[1.0, 3.0]]),
-    )
-    assert found.u_input == pytest.approx(7.0)  # 2² + 3² + 6²
-    assert found.u_validation == pytest.approx(math.sqrt(75.0))  # 1² + 3² + 2² + 3² + 4² + 6²

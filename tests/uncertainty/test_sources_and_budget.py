@@ -16,14 +16,14 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import (
+    PRESS,
+    RIG,
+    SURFACE,
     Errors,
     Scatter,
     StandardUncertainties,
-    all_sources,
     budget,
-    combined,
-    press_sources,
-    rig_sources,
+    stated_sources,
 )
 
 TIGHT, SLACK = np.array([371.0, 143.0]), np.array([182.0, 70.0])
@@ -46,7 +46,7 @@ def runs() -> Measured:
 
 
 def errors(**values: list[float]) -> Errors:
-    return Errors({name: np.array(value) for name, value in values.items()})
+    return Errors({(name, k): x for name, of in values.items() for k, x in enumerate(of)})
 
 
 def test_a_gain_of_both_cells_cancels_in_mu_but_not_in_the_force():
@@ -176,22 +176,23 @@ def test_scatter_of_the_press_has_its_covariance():
 
 def test_sources_say_what_was_stated():
     u = StandardUncertainties({"arc": 0.01, "cell_gain": 0.002}, frozenset({"arc"}))
-    basis = {source.name: source.basis for source in rig_sources(u, 3)}
+    basis = {source.name: source.basis for source in stated_sources(u, (RIG,), 3)}
     assert basis == {
         "gain of each load cell": "assumed",
         "contact arc, all settings together": "stated",
     }
-    assert [s.place for s in rig_sources(u, 3)] == [0, 1, 0]
+    assert [s.place for s in stated_sources(u, (RIG,), 3)] == [0, 1, 0]
     # as a person reads it: 0.2 %, and 0.01 rad in degrees
-    shown = {source.name: (source.shown, source.unit) for source in rig_sources(u, 3)}
+    shown = {source.name: (source.shown, source.unit) for source in stated_sources(u, (RIG,), 3)}
     assert shown["gain of each load cell"] == (pytest.approx(0.2), "%")
     assert shown["contact arc, all settings together"] == (pytest.approx(0.573, abs=5e-4), "deg")
-    assert len(press_sources(u)) == 0
-    assert sum(s.error == "arc_setting" for s in all_sources(GIVEN, 3)) == 3
+    assert len(stated_sources(u, (PRESS,))) == 0
+    assert sum(s.error == "arc_setting" for s in stated_sources(GIVEN, SURFACE, 3)) == 3
 
 
 def test_a_budget_adds_squares_and_names_the_largest_first():
-    sources = rig_sources(StandardUncertainties({"tension_gain": 0.002, "cell_gain": 0.001}), 1)
+    given = StandardUncertainties({"tension_gain": 0.002, "cell_gain": 0.001})
+    sources = stated_sources(given, (RIG,), 1)
     changes = np.array([[0.01, 0.03, 0.04], [0.01, 0.03, 0.04]])
     rows = budget("x", sources, changes, Scatter("scatter", np.array([0.02, 0.02]), 9.0))
     found = {row["source"]: row["contribution_percent"] for row in rows}
@@ -206,4 +207,3 @@ def test_a_budget_adds_squares_and_names_the_largest_first():
     assert sum(row["share_percent"] for row in rows[:-1]) == pytest.approx(100.0)
     # Welch–Satterthwaite: u^4 / (u_s^4 / 9)
     assert rows[-1]["degrees_of_freedom"] == pytest.approx(9.0 * 0.003**2 / 0.0004**2)
-    np.testing.assert_allclose(combined(changes, np.full(2, 0.02)), math.sqrt(0.003))

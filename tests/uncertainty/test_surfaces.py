@@ -10,21 +10,18 @@ from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
-from beltid.uncertainty.rig_runs import (
-    INPUTS,
-    MESH,
-    RigRuns,
-    input_slopes,
-    mesh_of,
-    residual_changes,
+from beltid.uncertainty.simulated import INPUTS, MESH, RigRuns, input_slopes, residual_changes
+from beltid.uncertainty.sources import (
+    SURFACE,
+    Errors,
+    stated_sources,
 )
-from beltid.uncertainty.sources import Errors, all_sources, reduction_sources
 
 
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
-    sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
+    sources = stated_sources(GIVEN, SURFACE, len(SMALL.settings[0]))
     return refine_surface(campaign, SMALL.speeds, sources)
 
 
@@ -32,8 +29,7 @@ def nominal():
 def slopes(nominal):
     """Derivatives of the runs by knots, inputs and speed, about the refined surface."""
     campaign, speeds = nominal.campaign, SMALL.speeds
-    points = campaign.measured.points
-    rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
+    rig = RigRuns(campaign, speeds, MESH)
     done = sweep(rig, nominal.curves, nominal.parameters)
     surfaces = nominal.curves.surfaces(nominal.parameters)
     return done, surfaces, input_slopes(campaign, surfaces, speeds, done.speed_slope)
@@ -62,29 +58,17 @@ def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slo
     done, surfaces, by_input = slopes
     expected = residual_changes(nominal.campaign, nominal.stated, by_input, done.speed_slope)
 
-    def difference(of):
-        points = of.measured.points
-        rig = RigRuns(of.bench, points, SMALL.speeds, mesh_of(of.bench, points, 1.0))
-        return np.log(of.measured.mu) - rig.log_mu(surfaces, done.speed_slope)
+    def difference(errors):
+        campaign = nominal.campaign
+        after = campaign.measured.corrected(errors)
+        of = replace(campaign, measured=after)
+        rig = RigRuns(of, SMALL.speeds, 1.0, campaign.inputs(after, errors))
+        return np.log(after.mu) - rig.log_mu(surfaces, done.speed_slope)
 
-    before = difference(nominal.campaign)
+    before = difference(Errors())
     for source, change in zip(nominal.stated, expected.T, strict=True):
-        found = difference(nominal.campaign.corrected(Errors.single(source))) - before
+        found = difference(Errors.single(source)) - before
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
-
-
-@pytest.mark.long
-def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
-    campaign = read_campaign(replace(SMALL, given=NO_ERRORS), np.random.default_rng(2))
-    response = refine_surface(campaign, SMALL.speeds).runs.response
-    for times in (1.0, 0.1):  # of the stated standard errors
-        measured = replace(campaign.measured, mu_se=times * campaign.measured.mu_se)
-        # a factor of 0.5 % on the surface
-        cells = {"shared_cells": 0.005 * response[:, None]}
-        measured = replace(measured, columns={**measured.columns, **cells})
-        sources = reduction_sources(measured.columns)
-        found = refine_surface(replace(campaign, measured=measured), SMALL.speeds, sources)
-        np.testing.assert_allclose(found.uncertainty.changes[..., 0], 0.005, rtol=0.02)
 
 
 def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
@@ -99,29 +83,6 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     np.testing.assert_allclose(both, expected, atol=1e-5)
     other = published_grid(measured.corrected(Errors.single(sources[0])))
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)
-
-
-def test_a_single_run_has_its_own_error(nominal):
-    measured = nominal.campaign.measured
-    # one arc and one tension: the error of a node is that of its run
-    kept = (measured.arc == 0) & (SMALL.tensions_N[1] == measured.T_0)
-    names = ("arc", "beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
-    one = replace(measured, **{name: getattr(measured, name)[kept] for name in names})
-    factor = published_grid(one).scatter
-    np.testing.assert_allclose(np.linalg.norm(factor, axis=-1), SMALL.noise, rtol=1e-6)
-
-
-def test_between_nodes_a_surface_is_no_better_known_than_its_neighbours(nominal):
-    measured = nominal.campaign.measured
-    grid = published_grid(measured)
-    surface = grid.to_surface().with_covariance(grid.scatter)
-    f, v = (np.sqrt(x[1:] * x[:-1]) for x in (grid.normal_force_N_m, grid.slip_speed_m_s))
-    relative = surface.mu_u(f[:, None], v) / surface.mu(f[:, None], v)
-    nodes = grid.mu_se / grid.mu
-    least = np.minimum(np.minimum(nodes[1:, 1:], nodes[:-1, 1:]), nodes[1:, :-1])
-    assert np.all(relative >= np.minimum(least, nodes[:-1, :-1]) * (1.0 - 1e-12))
-    at_nodes = surface.mu_u(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
-    np.testing.assert_allclose(at_nodes, grid.mu_se, rtol=1e-6)
 
 
 @pytest.mark.long

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from golden.test_chain import true_mu
 
 from beltid.identify.surface.surface import build_surface
@@ -17,10 +17,9 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, GivenForce, Rig
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured, PressLaw
-from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.measured import PressLaw, measured_runs
+from beltid.uncertainty.simulated import Campaign
 
-TRUTH = Path(__file__).parents[1] / "truth"
 R = 0.05
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
 TWO = SPEEDS[1::2]
@@ -33,39 +32,40 @@ BELTS = {
 }
 
 
+def friction(se: float, belt: str = "5pk", speeds: np.ndarray = TWO) -> dict[str, np.ndarray]:
+    """The friction table of a bench with true coefficients and a relative standard error."""
+    table = pd.read_csv(Path(__file__).parent / belt / "truth.csv")
+    near = np.abs(table["omega"].to_numpy()[:, None] * R / speeds - 1.0) < 0.02
+    table = table[near.any(axis=1)]
+    column = {name: table[name].to_numpy(float) for name in ("arc_deg", "T0", "omega", "f_ref")}
+    mu = table["mu_app"].to_numpy(float)
+    return {
+        "run": table["run"].to_numpy(object),
+        "arc_deg": column["arc_deg"],
+        "initial_tension_N": column["T0"],
+        "nominal_tension_N": column["T0"],
+        "pulley_speed_rad_s": column["omega"],
+        "slip_speed_m_s": R * column["omega"],
+        "normal_force_N_m": column["f_ref"],
+        "mu_sliding": mu,
+        "mu_sliding_se": se * mu,
+        "status": np.full(mu.size, "ok", dtype=object),
+    }
+
+
 def campaign(
     belt: str = "5pk", noise: float = 0.0, speeds: np.ndarray = SPEEDS, given: GivenForce = "none"
 ) -> Campaign:
     """A synthetic bench with its true coefficients, with noise or without, in one order."""
     EA, EI, k1, k2 = BELTS[belt]
-    with (TRUTH / belt / "truth.csv").open() as file:
-        rows = [
-            row
-            for row in csv.DictReader(file)
-            if np.any(np.abs(float(row["omega"]) * R / speeds - 1.0) < 0.02)
-        ]
-    arc_deg, T_0, omega, mu, f = (
-        np.array([float(row[key]) for row in rows])
-        for key in ("arc_deg", "T0", "omega", "mu_app", "f_ref")
-    )
-    mu = mu * (1 + noise * np.random.default_rng(5).normal(size=mu.size))
-    beta = np.radians(arc_deg)
-    slack = f * R * mu * beta / np.expm1(mu * beta)
-    measured = Measured(
-        R=R,
-        arc=np.unique(arc_deg, return_inverse=True)[1],
-        beta=beta,
-        T_0=T_0,
-        omega=omega,
-        tight=slack * np.exp(mu * beta),
-        slack=slack,
-        mu=mu,
-        mu_se=max(noise, 1e-4) * mu,
-        order=np.zeros(mu.size, dtype=np.intp),
-        given_force=given,
-    )
+    table = friction(max(noise, 1e-4), belt, speeds)
+    factor = 1 + noise * np.random.default_rng(5).normal(size=table["run"].size)
+    table |= {name: factor * table[name] for name in ("mu_sliding", "mu_sliding_se")}
+    measured = measured_runs(table, np.arange(factor.size), R, given_force=given)
+    measured = replace(measured, order=np.zeros(factor.size, dtype=np.intp))
+    names = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding", "mu_sliding_se")
+    start = build_surface(*(table[name] for name in names)).surface
     law = NormalLaw(k1, k2)
-    start = build_surface(arc_deg, f, omega * R, mu, measured.mu_se).surface
     bench = Bench(Belt(EA, EI, 0.10), Rig(R, 0.10, given_force=given), Contact(), law, start)
     return Campaign(measured, bench, PressLaw(law, np.zeros((2, 2)), 1.2e-4, 0.04))
 
