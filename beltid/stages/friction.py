@@ -144,7 +144,7 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         driver = radii.get(config.drive.driving, radius)
     with at(speedloss):
         result = fit_slip(speedloss.columns, driver)
-    points, statement, warnings = result.points, list[str](), list[str]()
+    points, statement, warnings = result.columns, list[str](), list[str]()
     proposed = covered = None
     stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
     try:
@@ -152,12 +152,13 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         proposed, covered, statement = needed.proposed_rad_s, needed.covered, [needed.statement]
     except InputError as error:  # the sliding speeds were found; keep them
         warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
-    aside = [{"run": p.run, "why": p.status} for p in points if p.status not in (OK, GROSS_SLIP)]
+    of_runs = zip(points["run"], points["status"], strict=True)
+    aside = [{"run": run, "why": why} for run, why in of_runs if why not in (OK, GROSS_SLIP)]
     return Outcome(
-        columns_from("slip", points),
+        columns_from("slip", (None,), **points),
         result,
         facts={
-            "runs": len(points),
+            "runs": len(points["run"]),
             "largest_slip_speed_m_s": result.max_slip_speed_m_s,
             "in_run": result.max_slip_run,
             "rig_speeds_proposed_rad_s": proposed,

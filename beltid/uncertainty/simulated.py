@@ -225,7 +225,7 @@ class Validation:
 
     def columns(self, result: AgreementResult) -> dict[str, Array]:
         """Return columns of the comparison table: absolute uncertainties of mu [-]."""
-        mu = result.mu_measured
+        mu = result.columns["mu_measured"]
         known = mu * (1.0 if self.inputs_known else np.nan)
         return {
             "u_measured": self.measured * mu,
@@ -279,7 +279,7 @@ def validated(
     From the tables of reduced runs, and the uncertainty of the simulated ones if it is known.
     """
     of_measured, of_simulated = result.rows
-    mu = result.mu_measured
+    mu = result.columns["mu_measured"]
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
