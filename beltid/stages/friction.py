@@ -497,7 +497,7 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
 
 def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
     """Return a run; of a long one, the samples with the extremes of neighbouring tensions."""
-    tight, slack = record.tension_tight_N, record.tension_slack_N
+    tight, slack = record.tensions.T
     kept = np.arange(tight.size)
     if tight.size > most:
         groups = [rows[np.isfinite(tight[rows])] for rows in np.array_split(kept, most // 2)]
@@ -513,5 +513,5 @@ def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
         "tension_tight_N": tight[kept],
         "tension_slack_N": slack[kept],
         "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.result.arc_deg)),
-        "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+        "pulley_speed_rad_s": record.speed[kept],
     }

@@ -110,12 +110,12 @@ def reduce_plateaus(
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
         run.temperature_degC, run.n_samples = float(table["temperature_degC"][row]), 1
         run.pulley_speed_rad_s = abs(float(table["pulley_speed_rad_s"][row]))
-        relative, v = float(record.pulley_speed_rad_s[0]), float(table["slip_speed_m_s"][row])
+        relative, v = float(record.speed[0]), float(table["slip_speed_m_s"][row])
         run.slip_speed_m_s = abs(sliding_speed(relative, R) if np.isnan(v) else v)
         if direct:
             run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
         else:
-            run.set_plateau(record.tension_tight_N[0], record.tension_slack_N[0], R)
+            run.set_plateau(*record.tensions[0], R)
         run.mu_sliding_se = se
         run.status = _problem(run, record.kind) or "ok"
     return tuple(record.result for record in records)
@@ -130,7 +130,7 @@ def _by_resolution(
         mu = []
         for shift in (-half, half):
             runs = run_records({**table, name: table[name] + shift}, R, kind)
-            tight, slack = np.array([(r.tension_tight_N[0], r.tension_slack_N[0]) for r in runs]).T
+            tight, slack = np.array([r.tensions[0] for r in runs]).T
             arcs = np.radians([r.result.arc_deg for r in runs])
             mu.append(friction_coefficient(tight, slack, arcs))
         changes.append(mu[1] - mu[0])
