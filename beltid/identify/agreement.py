@@ -174,20 +174,12 @@ def compare_points(
 ) -> AgreementResult:
     """Compare the reduced runs of the real bench with those of the simulated bench.
 
-    Parameters
-    ----------
-    measured, simulated : mapping of str to array_like (n,)
-        Columns of the reduction: run, arc_deg, nominal_tension_N, pulley_speed_rad_s,
-        normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are used.
-    tolerances : mapping of str to float, optional
-        Tolerances as fractions, by default none: of the relative differences, their root mean
-        square ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest
-        magnitude ``max_relative_error``; ``min_share_compared`` of the usable measured runs.
-
-    Raises
-    ------
-    InputError
-        If no measured run has a simulated partner.
+    Both sides have the columns of the reduction (n,): run, arc_deg, nominal_tension_N,
+    pulley_speed_rad_s, normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are
+    used. Tolerances are fractions: of the relative differences, their root mean square
+    ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest magnitude
+    ``max_relative_error``; ``min_share_compared`` of the usable measured runs. Raises `InputError`
+    if no measured run has a simulated partner.
     """
     tables = _run_table(measured), _run_table(simulated)
     of_measured, of_simulated, left_out = _match(*tables)

@@ -143,18 +143,9 @@ def required_pulley_speeds(
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
     """Calculate the sliding speed of each run of a speed-loss recording, Eq. (7); drop no run.
 
-    Parameters
-    ----------
-    speedloss : mapping of str to ndarray
-        Columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
-        ``driven_speed_rad_s``, shape (n,) each, n >= 1; nan where missing.
-    pulley_radius_m : float
-        Radius of the belt's centreline on the driver pulley [m].
-
-    Raises
-    ------
-    InputError
-        If no point can be used.
+    The columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
+    ``driven_speed_rad_s``, (n,) with n >= 1, are nan where missing; the radius [m] is that of the
+    belt's centreline on the driver pulley. Raises `InputError` if no point can be used.
     """
     named = np.asarray(speedloss["run"]).astype(str)
     labels = np.array(list(dict.fromkeys(named.tolist())), dtype=object)

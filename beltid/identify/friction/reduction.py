@@ -55,30 +55,13 @@ SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
 def reduce_plateaus(
     columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float = NAN
 ) -> tuple[RunReduction, ...]:
-    """Reduce a table with one row per plateau: each row is a run of one sample.
+    """Reduce a table with one row per plateau: each row is a run of one sample, (n,).
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Columns of the table of points, shape (n,) each, nan or None where a value is missing. They
-        hold mu and normal_force_N_m, or arc_deg and the channels of the kind; and
-        pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is subtracted from the others.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    resolution_N : float
-        Resolution of the forces [N]; nan if not stated.
-
-    Returns
-    -------
-    tuple of RunReduction
-        One for every row, except those of the idle pulley.
-
-    Raises
-    ------
-    InputError
-        With the columns that are missing.
+    The columns, nan or None where a value is missing, hold mu and normal_force_N_m, or arc_deg and
+    the channels of the kind; and pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is
+    subtracted from the others. R [m] is the radius of the belt's centreline on the pulley,
+    `resolution_N` that of the forces [N], nan if not stated. Raises `InputError` with the columns
+    that are missing.
     """
     n = len(columns["run"])
     table: dict[str, NDArray[Any]] = {
@@ -191,21 +174,10 @@ def reduce_records(
 ) -> tuple[RunReduction, ...]:
     """Reduce the runs of a bench together, to one result for every run, in their order.
 
-    Parameters
-    ----------
-    records : iterable of RunRecord
-        The runs.
-    R : float
-        Radius of the belt's centreline on the pulley [m], > 0.
-    gain_rel : float
-        Stated standard uncertainty of the gain of a load cell, relative.
-    free_at_rest : bool
-        Whether the belt holds no friction at rest, so that the rest shows the gains, too.
-
-    Raises
-    ------
-    InputError
-        If the tensions at rest do not match the stated ones, see :func:`against_stated`.
+    R [m] is the radius of the belt's centreline on the pulley, `gain_rel` the stated relative
+    standard uncertainty of the gain of a load cell. A belt that is `free_at_rest` holds no friction
+    then, so that the rest shows the gains, too. Raises `InputError` if the tensions at rest do not
+    match the stated ones, see :func:`against_stated`.
     """
     prepared = [prepare_run(record, R) for record in records]
     sliding = [(run, record) for run, record in prepared if record is not None]

@@ -370,27 +370,11 @@ def arc_problem(arc_deg: float) -> str:
 def run_records(
     columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind = TWO_CELLS
 ) -> tuple[RunRecord, ...]:
-    """Split a recording into runs, in the order in which they first appear.
+    """Split a recording into runs, in the order in which they first appear, without idle ones.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        The columns of rig.csv, shape (n,) each, as the reader checked them. Rows of a run need not
-        be together; they keep their order.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-
-    Returns
-    -------
-    tuple of RunRecord
-        All runs except those of the idle pulley.
-
-    Raises
-    ------
-    InputError
-        If a channel of the kind is missing.
+    The columns are those of rig.csv (n,), as the reader checked them; rows of a run need not be
+    together, but keep their order. R [m] is the radius of the belt's centreline on the pulley.
+    Raises `InputError` if a channel of the kind is missing.
     """
     numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
     kind = kind.found_in(numbers)

@@ -339,21 +339,10 @@ class StiffnessResult:
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
-    """Identify the quadratic normal law from a press recording.
+    """Identify the quadratic normal law from a press recording, see :func:`read_recording`.
 
-    Parameters
-    ----------
-    press : mapping of str to ndarray
-        Columns as for :func:`~beltid.identify.press.recording.read_recording`.
-    settings : StiffnessSettings
-        Segment length, reference temperature, machine compliance, cycles to use.
-
-    Raises
-    ------
-    InputError
-        If no test can be used (no contact, too few samples, ...).
-    NumericsError
-        If no law with ``k >= 0`` describes the curves, or the fit does not converge.
+    Raises `InputError` if no test can be used, and `NumericsError` if no law with ``k >= 0``
+    describes the curves, or the fit does not converge.
     """
     recording = read_recording(press, settings)
     groups = _group_by_temperature(recording.curves)

@@ -130,25 +130,12 @@ def fit_friction_laws(
     mu: ArrayLike,
     factor: ArrayLike | None = None,
 ) -> FrictionLaws:
-    """Fit the parametric friction laws to points (f, v, mu).
+    """Fit the parametric friction laws to points: f [N/m], v [m/s] and mu [-], (n,) each.
 
-    The reference force f0 is the geometric mean of the forces, rounded to two digits, so that mu0
-    and a are nearly uncorrelated.
-
-    Parameters
-    ----------
-    normal_force_N_m, slip_speed_m_s, mu : array_like
-        Points, shape (n,): force per length of belt [N/m], sliding speed [m/s], friction
-        coefficient [-], all > 0.
-    factor : array_like, optional
-        Factor S of the covariance ``S S'`` of ln mu, shape (n, r); zero by default.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two points, or a value is not > 0.
-    NumericsError
-        If no law could be fitted.
+    The covariance of ln mu is S S' with the factor S (n, r); zero by default. The reference force
+    f0 is the geometric mean of the forces, rounded to two digits, so that mu0 and a are nearly
+    uncorrelated. Raises `InputError` for fewer than two points or a value not > 0, `NumericsError`
+    if no law could be fitted.
     """
     f, v, mu = (np.asarray(x, dtype=float).ravel() for x in (normal_force_N_m, slip_speed_m_s, mu))
     if f.size < 2 or not all(np.all((x > 0.0) & (x < np.inf)) for x in (f, v, mu)):

@@ -396,24 +396,11 @@ def build_surface(
     mu: ArrayLike,
     mu_se: ArrayLike | None = None,
 ) -> SurfaceResult:
-    """Build the friction surface of each arc and the averaged one.
+    """Build the friction surface of each arc and the averaged one; arrays of runs, (n,).
 
-    Parameters
-    ----------
-    arc_deg : array_like (n,)
-        Contact arc of each run [deg].
-    normal_force_N_m : array_like (n,)
-        Mean normal force per length, Eq. (8) [N/m].
-    slip_speed_m_s : array_like (n,)
-        Measured sliding speed [m/s]; its sign does not matter.
-    mu, mu_se : array_like (n,)
-        Sliding friction coefficient, Eq. (6), and its standard error [-]. The median of the others
-        replaces an error that is nan.
-
-    Raises
-    ------
-    InputError
-        If no surface can be built from the points.
+    From contact arcs [deg], mean normal forces per length, Eq. (8) [N/m], sliding speeds [m/s] of
+    either sign, and friction coefficients, Eq. (6), with their standard errors [-]; the median of
+    the others replaces an error that is nan. Raises `InputError` if no surface can be built.
     """
     columns = {
         "arc_deg": np.asarray(arc_deg, dtype=float),
