@@ -197,9 +197,7 @@ class Mixed:
         `NumericsError` if the data do not determine a flat coefficient.
         """
         theta = np.minimum(self.mid, self.top)
-        for name, size in (start or {}).items():
-            theta[self.names.index(name)] = np.log(size)
-        free = self.tightness > 0.0
+        theta, free = self._with(theta, start or {}), self.tightness > 0.0
         if not free.any():
             return self.at({})
 
@@ -225,10 +223,11 @@ class Mixed:
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""
-        theta = self.mid.copy()
-        for name, size in sizes.items():
-            theta[self.names.index(name)] = np.log(size)
-        return self._evaluate(theta)[0]
+        return self._evaluate(self._with(self.mid, sizes))[0]
+
+    def _with(self, theta: Array, sizes: Mapping[str, float]) -> Array:
+        known = {name: float(np.log(size)) for name, size in sizes.items()}
+        return np.array([known.pop(n, x) for n, x in zip(self.names, theta, strict=True)])
 
     def _evaluate(self, theta: Array) -> tuple[Posterior, Array]:
         """Return the posterior, and the slope of its log evidence over ln s."""

@@ -101,22 +101,15 @@ def gross_slip(
     return usable & gross
 
 
-@dataclass(frozen=True, slots=True)
-class RequiredSpeeds:
-    """Range of pulley speeds to test, and whether the rig's settings cover it."""
-
-    proposed_rad_s: tuple[float, ...]  # geometric steps over the significant sliding speeds
-    covered: bool | None  # whether the rig's speeds reach both ends; None without speeds
-    statement: str  # result in plain words
-
-
 def required_pulley_speeds(
     slip: SlipResult, R: float, configured: Sequence[float] | None = None
-) -> RequiredSpeeds:
+) -> tuple[tuple[float, ...], bool | None, str]:
     """Find the pulley speeds ``omega = v / R`` of the friction rig that cover sliding in service.
 
     R [m] is the radius of the belt's centreline on the rig's pulley, `configured` the speeds that
-    are set there [rad/s]. Raises `InputError` if no sliding speed differs significantly from zero.
+    are set there [rad/s]. Returns speeds to propose, geometric steps over the significant sliding
+    speeds, whether the rig's reach both ends, and both in words. Raises `InputError` if no sliding
+    speed differs significantly from zero.
     """
     speeds, se = np.abs(slip.columns["slip_speed_m_s"]), slip.columns["slip_speed_se_m_s"]
     speeds = speeds[(slip.columns["status"] == OK) & (speeds > SIGNIFICANT * se)]
@@ -133,11 +126,8 @@ def required_pulley_speeds(
             missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
         gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
         statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
-    return RequiredSpeeds(
-        proposed_rad_s=tuple(np.geomspace(low, high, PROPOSED).tolist()) if low < high else (high,),
-        covered=not missing if rig else None,
-        statement=statement,
-    )
+    proposed = np.geomspace(low, high, PROPOSED).tolist() if low < high else [high]
+    return tuple(proposed), not missing if rig else None, statement
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:

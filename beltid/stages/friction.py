@@ -144,12 +144,11 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         driver = radii.get(config.drive.driving, radius)
     with at(speedloss):
         result = fit_slip(speedloss.columns, driver)
-    points, statement, warnings = result.columns, list[str](), list[str]()
-    proposed = covered = None
+    points, warnings = result.columns, list[str]()
+    proposed = covered = statement = None
     stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
     try:
-        needed = required_pulley_speeds(result, radius, stated)
-        proposed, covered, statement = needed.proposed_rad_s, needed.covered, [needed.statement]
+        proposed, covered, statement = required_pulley_speeds(result, radius, stated)
     except InputError as error:  # the sliding speeds were found; keep them
         warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
     of_runs = zip(points["run"], points["status"], strict=True)
@@ -168,7 +167,7 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         },
         validity={"slip_speed_m_s": (0.0, result.max_slip_speed_m_s)},
         set_aside=aside,
-        notes=(*result.notes, *statement),
+        notes=(*result.notes, *filter(None, [statement])),
         warnings=(*set_aside_lines(aside), *warnings),
     )
 

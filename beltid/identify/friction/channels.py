@@ -316,7 +316,6 @@ NEAR = 1e-4 / 6.0
 AGREE, LARGE = 0.7, 0.1
 """Relative scatter of the levels of tension up to which they agree; share of the lowest stated
 tension, or of the factor 1, above which the readings contradict the stated tensions."""
-ROUGH = "If only the stated tensions are wrong, correct initial_tension_N"
 
 
 @dataclass(frozen=True, slots=True)
@@ -415,8 +414,6 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
         return ""
     offset_N, offset_apart = _median_level(measured - stated, stated)
     excess, excess_apart = _median_level(measured / stated - 1.0, stated)
-    if min(offset_apart, excess_apart) > AGREE:
-        return ""
     if offset_apart < excess_apart:
         is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
         remedy = (
@@ -430,11 +427,12 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
             "State a known error of the cells as friction.tension_tight_gain and "
             "friction.tension_slack_gain"
         )
-    text = (
+    if not is_large or min(offset_apart, excess_apart) > AGREE:
+        return ""
+    return (
         f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
-        f"tension: {remedy}. {ROUGH}"
+        f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
     )
-    return text if is_large else ""
 
 
 def _median_level(values: Array, stated: Array) -> tuple[float, float]:

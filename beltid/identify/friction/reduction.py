@@ -16,12 +16,12 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -78,7 +78,11 @@ def reduce_plateaus(
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    table |= {"run": _unique([str(label) for label in columns["run"]]), **texts}
+    labels = pd.Series([str(label) for label in columns["run"]], dtype=object)
+    number = (labels.groupby(labels).cumcount() + 1).astype(str)
+    # rows with the same label are numbered
+    labels = labels.where(~labels.duplicated(keep=False), labels + "-" + number)
+    table |= {"run": labels.to_numpy(), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
@@ -118,16 +122,6 @@ def _by_resolution(
             mu.append(friction_coefficient(tight, slack, arcs))
         changes.append(mu[1] - mu[0])
     return np.asarray(np.linalg.norm(changes, axis=0))
-
-
-def _unique(labels: list[str]) -> NDArray[Any]:
-    """Return unique labels; rows with the same label are numbered."""
-    total, seen = Counter(labels), Counter[str]()
-    unique = []
-    for label in labels:
-        seen[label] += 1
-        unique.append(f"{label}-{seen[label]}" if total[label] > 1 else label)
-    return np.array(unique, dtype=object)
 
 
 def _problem(run: RunReduction, kind: RigKind) -> str:
