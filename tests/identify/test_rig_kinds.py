@@ -192,6 +192,18 @@ def test_a_known_error_of_the_only_cell_is_in_both_tensions(bench):
         np.testing.assert_allclose(one.tensions, other.tensions, rtol=1e-12)
 
 
+def test_known_errors_of_both_cells_are_taken_off_and_stay_with_exchanged_columns(bench):
+    true = without(bench, *BESIDE)
+    tight, slack = (true[name] for name in CELLS)
+    read = true | {CELLS[0]: tight / 1.03 + 4.0, CELLS[1]: slack / 0.98 - 2.5}
+    cells = KnownCell(4.0, 1.03), KnownCell(-2.5, 0.98)
+    swapped = true | dict(zip(CELLS, (read[CELLS[1]], read[CELLS[0]]), strict=True))
+    for columns, known, exchanged in ((read, cells, False), (swapped, cells[::-1], True)):
+        runs = reduce_runs(columns, R, RigKind(cells=known))
+        assert all(run.swapped == exchanged for run in runs)
+        assert mu(runs) == pytest.approx(mu(reduce_runs(true, R)), rel=1e-6)
+
+
 def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():
     arc, slack = np.array([80.0, 120.0, np.nan]), np.array([60.0, 90.0, np.nan])
     torque = slack * np.expm1(0.5 * np.radians(arc)) * R + 0.12
