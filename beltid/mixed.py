@@ -136,18 +136,9 @@ def root(C: Array) -> Array:
 class Mixed:
     """Data and terms of the model (M1).
 
-    Parameters
-    ----------
-    y : array_like, shape (R, m) or (n,)
-        Data of R groups, or of one. Shorter groups are padded with rows that are zero everywhere.
-    shared : sequence of Shared
-        Columns that the groups share.
-    own : sequence of Own
-        Effects and noise of every group.
-    level : array_like, shape (R, m) or (n,), optional
-        Column of the free level of every group, zero for groups without; no levels if not given.
-    scale : array_like, shape (R,), optional
-        Factor of the covariance of every group.
+    The data `y` are those of R groups (R, m), or of one group (n,); shorter groups are padded with
+    rows that are zero everywhere. `level` is the column of the free level of every group, zero for
+    groups without; `scale` (R,) the factor of their covariances.
     """
 
     def __init__(
@@ -206,9 +197,7 @@ class Mixed:
         `NumericsError` if the data do not determine a flat coefficient.
         """
         theta = np.minimum(self.mid, self.top)
-        for name, size in (start or {}).items():
-            theta[self.names.index(name)] = np.log(size)
-        free = self.tightness > 0.0
+        theta, free = self._with(theta, start or {}), self.tightness > 0.0
         if not free.any():
             return self.at({})
 
@@ -234,10 +223,11 @@ class Mixed:
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""
-        theta = self.mid.copy()
-        for name, size in sizes.items():
-            theta[self.names.index(name)] = np.log(size)
-        return self._evaluate(theta)[0]
+        return self._evaluate(self._with(self.mid, sizes))[0]
+
+    def _with(self, theta: Array, sizes: Mapping[str, float]) -> Array:
+        known = {name: float(np.log(size)) for name, size in sizes.items()}
+        return np.array([known.pop(n, x) for n, x in zip(self.names, theta, strict=True)])
 
     def _evaluate(self, theta: Array) -> tuple[Posterior, Array]:
         """Return the posterior, and the slope of its log evidence over ln s."""
@@ -399,24 +389,12 @@ def relinearised(
 ) -> tuple[Array, Posterior]:
     """Fit data that depend on p in a nonlinear way: y = f(p) + effects + noise.
 
-    Gauss–Newton's steps at given sizes (at most `steps`) and the sizes at a given p take turns (at
-    most `sweeps`); a step is halved until the likelihood grows. Raises `NumericsError` if p or the
-    sizes do not settle.
-
-    Parameters
-    ----------
-    build : callable
-        Maps p to a model of the data less f(p). Its first shared term holds the derivative of f;
-        if p has a prior, that of this term is about prior mean - p. Effects may depend on p.
-    p : array_like
-        First guess.
-
-    Returns
-    -------
-    p : ndarray
-        The mode.
-    posterior : Posterior
-        Of the model there; the covariance of its first term is that of p.
+    `build` maps p to a model of the data less f(p), whose first shared term holds the derivative of
+    f; if p has a prior, that of this term is about prior mean - p. Gauss–Newton's steps at given
+    sizes (at most `steps`) and the sizes at a given p take turns (at most `sweeps`), from a first
+    guess; a step is halved until the likelihood grows. Returns the mode and the posterior there,
+    whose first term has the covariance of p. Raises `NumericsError` if p or the sizes do not
+    settle.
     """
     p, sizes = np.asarray(p, dtype=float), dict[str, float]()
     for _ in range(sweeps):

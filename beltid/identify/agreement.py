@@ -31,9 +31,9 @@ OK = "ok"
 GOOD_RATIO = 0.6, 1.2  # RMS error over its standard uncertainty that neither side has to explain
 UNEXPLAINED = 2.0  # the same ratio beyond which the uncertainty lacks something
 SHARE_COMPARED = "min_share_compared"
-WORDS = {
+FIGURES = {
     "max_rms_relative_error": "rms",
-    "max_mean_relative_error": "mean magnitude",
+    "max_mean_relative_error": "mean_magnitude",
     "max_relative_error": "largest",
 }
 THIRDS = ("low", "middle", "high")
@@ -41,60 +41,48 @@ NUMBERS = (
     "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
 )  # fmt: skip
 """Columns that must contain numbers > 0, measured and simulated."""
-COLUMNS = (
-    "run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_measured",
-    "mu_simulated", "difference", "relative_difference", "within_tolerance",
-)  # fmt: skip
-"""Columns of the comparison table."""
 SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
 """Largest relative difference between settings of matched runs; motors miss their speed by 1 %."""
 
 
-@dataclass(frozen=True, slots=True)
-class Statistics:
-    """Relative differences (simulated - measured)/measured of a group of points [-]."""
+def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
+    """Return a row about a group of differences in percent, at forces [N/m]; None without points.
 
-    group: str  # name of the group
-    n_points: int  # if 0, all figures are nan
-    rms: float
-    mean: float
-    mean_magnitude: float
-    largest: float  # largest magnitude
-    force_low_N_m: float  # lowest and highest measured normal force of the group
-    force_high_N_m: float
+    Relative differences are (simulated - measured)/measured.
+    """
+    n = relative.size
+    percent = {
+        f"{name}_percent": 100.0 * x if n else None for name, x in _figures(relative).items()
+    }
+    ends = {"force_low_N_m": np.min, "force_high_N_m": np.max}
+    return {
+        "group": group,
+        "n_points": n,
+        **percent,
+        **{name: float(end(force)) if n else None for name, end in ends.items()},
+    }
 
-    @classmethod
-    def of(cls, group: str, relative: Array, force: Array) -> Statistics:
-        """Evaluate relative differences [-] at measured normal forces [N/m], each (n,)."""
-        if relative.size == 0:
-            return cls(group, 0, *([float("nan")] * 6))
-        size = np.abs(relative)
-        figures = np.sqrt(np.mean(relative**2)), relative.mean(), size.mean(), size.max()
-        return cls(group, relative.size, *map(float, (*figures, force.min(), force.max())))
 
-    def as_row(self) -> dict[str, object]:
-        """Return a row for printing, in percent, with None instead of nan."""
-        row: dict[str, object] = {"group": self.group, "n_points": self.n_points}
-        for name in ("rms", "mean", "mean_magnitude", "largest", "force_low_N_m", "force_high_N_m"):
-            value, is_force = getattr(self, name), name.startswith("force")
-            value = value if is_force else 100.0 * value
-            row[name if is_force else f"{name}_percent"] = value if np.isfinite(value) else None
-        return row
+def _figures(relative: Array) -> dict[str, float]:
+    """Return what the tolerances judge; nan without differences."""
+    if not relative.size:
+        return dict.fromkeys(("rms", "mean", "mean_magnitude", "largest"), np.nan)
+    size = np.abs(relative)
+    return {
+        "rms": float(np.sqrt(np.mean(relative**2))),
+        "mean": float(relative.mean()),
+        "mean_magnitude": float(size.mean()),
+        "largest": float(size.max()),
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgreementResult:
-    """Comparison of a measured and a simulated campaign; arrays of n matched points, shape (n,)."""
+    """Comparison of a measured and a simulated campaign; n matched points."""
 
-    run: NDArray[np.object_]  # label, settings and force of the measured run
-    arc_deg: Array
-    nominal_tension_N: Array
-    pulley_speed_rad_s: Array
-    normal_force_N_m: Array
-    mu_measured: Array
-    mu_simulated: Array
+    columns: Columns  # label, settings and force of the measured run, both coefficients, (n,)
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
-    groups: tuple[Statistics, ...]
+    groups: tuple[dict[str, Any], ...]
     """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each third of the force."""
     tolerances: Mapping[str, float]  # active tolerances, see :func:`compare_points`
     n_measured: int  # number of runs per side
@@ -108,11 +96,6 @@ class AgreementResult:
     """Standard uncertainty of the relative differences [-]; nan where unknown."""
 
     @property
-    def overall(self) -> Statistics:
-        """Statistics of all points."""
-        return self.groups[0]
-
-    @property
     def not_compared(self) -> dict[str, int]:
         """Number of runs not compared, by reason; the most frequent reason first.
 
@@ -122,27 +105,16 @@ class AgreementResult:
         return dict(Counter(reasons).most_common())
 
     @property
-    def difference(self) -> Array:
-        """Simulated minus measured friction coefficient [-], (n,)."""
-        return self.mu_simulated - self.mu_measured
-
-    @property
-    def relative_difference(self) -> Array:
-        """Difference over the measured value [-], (n,)."""
-        return self.difference / self.mu_measured
-
-    @property
     def share_compared(self) -> float:
         """Share of the usable measured runs with a simulated partner [-]."""
-        return self.mu_measured.size / self.n_usable
+        return len(self.columns["run"]) / self.n_usable
 
     @property
     def error_over_uncertainty(self) -> Array:
         """Relative difference over its standard uncertainty (n,); nan where unknown."""
-        if self.u_validation is None:
-            return np.full(self.mu_measured.size, np.nan)
-        safe = np.where(self.u_validation > 0.0, self.u_validation, np.nan)
-        return self.relative_difference / safe
+        relative, u = self.columns["relative_difference"], self.u_validation
+        safe = np.nan if u is None else np.where(u > 0.0, u, np.nan)
+        return np.asarray(relative / safe)
 
     @property
     def rms_error_over_uncertainty(self) -> float:
@@ -161,8 +133,9 @@ class AgreementResult:
         for row in self.verdict_table():
             name, holds, found = row["tolerance"], row["holds"], 100.0 * row["found"]
             allowed = f"{100.0 * row['allowed']:g} %"
-            if name in WORDS:
-                words.append(f"{WORDS[name]} {found:.2f} % {'<=' if holds else '>'} {allowed}")
+            if name != SHARE_COMPARED:
+                figure, sign = FIGURES[name].replace("_", " "), "<=" if holds else ">"
+                words.append(f"{figure} {found:.2f} % {sign} {allowed}")
             elif not holds:
                 words.append(f"runs compared {found:.0f} % < {allowed}")
         text = f"{'PASS' if self.passed else 'FAIL'}: {', '.join(words)}"
@@ -173,36 +146,23 @@ class AgreementResult:
     @property
     def against_uncertainty(self) -> str:
         """RMS error, its uncertainty and their ratio in plain words; empty if not known."""
-        ratio, rms = self.rms_error_over_uncertainty, 100.0 * self.overall.rms
+        ratio = self.rms_error_over_uncertainty
         if not ratio > 0.0:
             return ""
-        low, high = GOOD_RATIO
+        rms, (low, high) = self.groups[0]["rms_percent"], GOOD_RATIO
         return (
             f"the error is {rms:.2g} % RMS, its uncertainty {rms / ratio:.2g} % (without errors "
             f"common to both sides); their ratio {ratio:.2g} should be {low:g} to {high:g}"
         )
 
-    @property
-    def within_tolerance(self) -> NDArray[np.bool_]:
-        """Points within ``max_relative_error`` (n,); all points without this tolerance."""
-        return np.abs(self.relative_difference) <= self.tolerances.get("max_relative_error", np.inf)
-
-    def to_columns(self) -> Columns:
-        """Return the columns of the comparison table, one row per matched point."""
-        return {name: getattr(self, name) for name in COLUMNS}
-
     def verdict_table(self) -> list[dict[str, Any]]:
         """Return one row per active tolerance, for printing; a nan figure never holds."""
-        figures = {
-            "max_rms_relative_error": self.overall.rms,
-            "max_mean_relative_error": self.overall.mean_magnitude,
-            "max_relative_error": self.overall.largest,
-            SHARE_COMPARED: self.share_compared,
-        }
+        figures = _figures(self.columns["relative_difference"])
         rows: list[dict[str, Any]] = []
         for name, allowed in self.tolerances.items():
-            found = figures[name]
-            holds = bool(found >= allowed if name == SHARE_COMPARED else found <= allowed)
+            share = name == SHARE_COMPARED
+            found = self.share_compared if share else figures[FIGURES[name]]
+            holds = bool(found >= allowed if share else found <= allowed)
             rows.append({"tolerance": name, "found": found, "allowed": allowed, "holds": holds})
         return rows
 
@@ -214,20 +174,12 @@ def compare_points(
 ) -> AgreementResult:
     """Compare the reduced runs of the real bench with those of the simulated bench.
 
-    Parameters
-    ----------
-    measured, simulated : mapping of str to array_like (n,)
-        Columns of the reduction: run, arc_deg, nominal_tension_N, pulley_speed_rad_s,
-        normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are used.
-    tolerances : mapping of str to float, optional
-        Tolerances as fractions, by default none: of the relative differences, their root mean
-        square ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest
-        magnitude ``max_relative_error``; ``min_share_compared`` of the usable measured runs.
-
-    Raises
-    ------
-    InputError
-        If no measured run has a simulated partner.
+    Both sides have the columns of the reduction (n,): run, arc_deg, nominal_tension_N,
+    pulley_speed_rad_s, normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are
+    used. Tolerances are fractions: of the relative differences, their root mean square
+    ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest magnitude
+    ``max_relative_error``; ``min_share_compared`` of the usable measured runs. Raises `InputError`
+    if no measured run has a simulated partner.
     """
     tables = _run_table(measured), _run_table(simulated)
     of_measured, of_simulated, left_out = _match(*tables)
@@ -240,33 +192,46 @@ def compare_points(
         )
         raise InputError([none, *(f"{counted(count, 'run')}: {why}" for why, count in counts)])
     real = {name: column[of_measured] for name, column in tables[0].items()}
-    mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
-    arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
+    virtual = tables[1]["mu_sliding"][of_simulated]
+    settings = {name: real[name] for name in ("run", *NUMBERS[:-1])}
+    columns = settings | _differences(real["mu_sliding"], virtual)
+    force, relative = real["normal_force_N_m"], columns["relative_difference"]
+    tolerances = tolerances or {}
+    columns["within_tolerance"] = np.abs(relative) <= tolerances.get("max_relative_error", np.inf)
     parts = np.array_split(np.argsort(force, kind="stable"), len(THIRDS))
-    arcs = settings_of(arc_deg, SAME_SETTING["arc_deg"])
+    arcs = settings_of(real["arc_deg"], SAME_SETTING["arc_deg"])
     averaged = _averages_over_arcs(real, virtual, arcs)
-    masks = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
+    of_arcs = [arcs == a for a in range(arcs.max() + 1)]
+    named = [(f"arc {real['arc_deg'][mask].mean():g}°", mask) for mask in of_arcs]
     thirds = [(f"{word} third of the force", g) for word, g in zip(THIRDS, parts, strict=True)]
+    means = (averaged[name] for name in ("relative_difference", "normal_force_N_m"))
     return AgreementResult(
-        **{name: real[name] for name in ("run", *NUMBERS[:-1])},
-        mu_measured=mu,
-        mu_simulated=virtual,
+        columns=columns,
         averaged=averaged,
         groups=(
-            Statistics.of("all points", relative, force),
-            *(Statistics.of(name, relative[g], force[g]) for name, g in masks),
-            Statistics.of(
-                "means over arcs", averaged["relative_difference"], averaged["normal_force_N_m"]
-            ),
-            *(Statistics.of(name, relative[g], force[g]) for name, g in thirds),
+            statistics("all points", relative, force),
+            *(statistics(name, relative[g], force[g]) for name, g in named),
+            statistics("means over arcs", *means),
+            *(statistics(name, relative[g], force[g]) for name, g in thirds),
         ),
-        tolerances=tolerances or {},
+        tolerances=tolerances,
         n_measured=n_measured,
         n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
     )
+
+
+def _differences(measured: Array, simulated: Array) -> Columns:
+    """Return the columns of both coefficients and of their difference."""
+    difference = simulated - measured
+    return {
+        "mu_measured": measured,
+        "mu_simulated": simulated,
+        "difference": difference,
+        "relative_difference": difference / measured,
+    }
 
 
 def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
@@ -326,19 +291,13 @@ def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.int
     _, of_cell = np.unique(cells[:2], axis=1, return_inverse=True)
     for label in (of_run, of_cell):
         data = np.array([np.bincount(label, x) for x in data]) / np.bincount(label)
-    columns: Columns = dict(zip((*NUMBERS[1:-1], "mu_measured", "mu_simulated"), data, strict=True))
-    columns["n_arcs"] = np.bincount(of_cell)
-    columns["difference"] = columns["mu_simulated"] - columns["mu_measured"]
-    columns["relative_difference"] = columns["difference"] / columns["mu_measured"]
-    return columns
+    means = dict(zip((*NUMBERS[1:-1], "measured", "simulated"), data, strict=True))
+    found = _differences(means.pop("measured"), means.pop("simulated"))
+    return {**means, **found, "n_arcs": np.bincount(of_cell)}
 
 
-SETTING: Final[dict[str, tuple[str, str]]] = {
-    "arc": ("arc_deg", "°"),
-    "speed": ("pulley_speed_rad_s", " rad/s"),
-}
-"""Column of each setting, and its unit as printed."""
-FEWEST: Final[dict[str, int]] = {"arc": 2, "speed": 3}
+SETTING: Final = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}
+"""Column of each setting, its unit as printed, and the fewest of which one can be left out."""
 FEWEST_RUNS: Final = 4  # minimum number of runs to refine a surface from
 
 
@@ -360,14 +319,14 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
     """
     if by not in SETTING:
         raise InputError(f"by = {by}, must be {' or '.join(SETTING)}")
-    column, unit = SETTING[by]
+    column, unit, fewest = SETTING[by]
     values = np.abs(np.asarray(columns[column], dtype=float)[usable])
     label = settings_of(values, SAME_SETTING[column])
     count = int(label.max()) + 1 if label.size else 0
-    if count < FEWEST[by]:
+    if count < fewest:
         raise TooFewSettings(
-            f"cross_validate.by = {by}: {count} {by}{'' if count == 1 else 's'} measured, must be "
-            f"at least {FEWEST[by]} to leave one out"
+            f"cross_validate.by = {by}: {counted(count, by)} measured, must be at least {fewest} "
+            "to leave one out"
         )
     result = []
     for k in range(count) if by == "arc" else range(1, count - 1):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,11 @@ from beltid.identify.estimators import (
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[Any]]
+Runs = dict[str, list[Array]]  # samples of each run by column
+
+DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"
+COLUMNS = ("initial_tension_N", TORQUE, DRIVER, DRIVEN)
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
@@ -42,30 +48,27 @@ SMALLEST_SHARE = 0.01
 measured coefficient there."""
 PROPOSED = 5  # number of pulley speeds to propose
 SPEED_TOLERANCE = 0.02  # a pulley speed this near still reaches the end of the range
+GAINS = (
+    "the driven pulley gains on the driver: it drives, or the columns of driver and driven speed "
+    "are swapped"
+)
+BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
+MIN_SAMPLES = 3  # minimum number of usable samples of a run
+NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2
+"""Torque over the largest that counts as zero: below the first, or within its noise and below the
+second."""
+AT_SPEED = 0.98  # share of its speed above which a driver has reached it
+STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
 OK = "ok"
 GROSS_SLIP = "gross slip"
 
 
-@dataclass(frozen=True, slots=True)
-class SlipPoint:
-    """Operating point of the drive: one row of the slip table; nan where unknown."""
-
-    run: str
-    driver_speed_rad_s: float
-    initial_tension_N: float  # belt at rest
-    torque_N_m: float  # mean, with the sign of the recording
-    speed_loss_rad_s: float  # driver speed minus driven speed times the pulley ratio
-    slip_speed_m_s: float  # Eq. (7)
-    slip_speed_se_m_s: float  # with the samples' correlation and the ratio's error
-    n_samples: int  # samples with both speeds known
-    status: str  # "ok", "gross slip", or why the point cannot be used
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SlipResult:
     """All operating points of a speed-loss recording."""
 
-    points: tuple[SlipPoint, ...]  # in the order of the recording
+    columns: Columns
+    """Those of the slip table, a row per run in the order of the recording; nan where unknown."""
     ratio: float  # driver speed over driven speed without torque; 1 if unknown
     ratio_se: float  # standard uncertainty; 0 without a torque-free run
     max_slip_speed_m_s: float  # largest sliding speed in service without gross slip
@@ -98,32 +101,22 @@ def gross_slip(
     return usable & gross
 
 
-@dataclass(frozen=True, slots=True)
-class RequiredSpeeds:
-    """Range of pulley speeds to test, and whether the rig's settings cover it."""
-
-    proposed_rad_s: tuple[float, ...]  # geometric steps over the significant sliding speeds
-    covered: bool | None  # whether the rig's speeds reach both ends; None without speeds
-    statement: str  # result in plain words
-
-
 def required_pulley_speeds(
     slip: SlipResult, R: float, configured: Sequence[float] | None = None
-) -> RequiredSpeeds:
+) -> tuple[tuple[float, ...], bool | None, str]:
     """Find the pulley speeds ``omega = v / R`` of the friction rig that cover sliding in service.
 
     R [m] is the radius of the belt's centreline on the rig's pulley, `configured` the speeds that
-    are set there [rad/s]. Raises `InputError` if no sliding speed differs significantly from zero.
+    are set there [rad/s]. Returns speeds to propose, geometric steps over the significant sliding
+    speeds, whether the rig's reach both ends, and both in words. Raises `InputError` if no sliding
+    speed differs significantly from zero.
     """
-    speeds = [
-        abs(p.slip_speed_m_s)
-        for p in slip.points
-        if p.status == OK and abs(p.slip_speed_m_s) > SIGNIFICANT * p.slip_speed_se_m_s
-    ]
-    if not speeds:
+    speeds, se = np.abs(slip.columns["slip_speed_m_s"]), slip.columns["slip_speed_se_m_s"]
+    speeds = speeds[(slip.columns["status"] == OK) & (speeds > SIGNIFICANT * se)]
+    if not speeds.size:
         raise InputError("no run has a speed loss that differs significantly from zero")
-    high = max(speeds) / R
-    low = max(min(speeds) / R, SMALLEST_SHARE * high)
+    high = float(speeds.max()) / R
+    low = max(float(speeds.min()) / R, SMALLEST_SHARE * high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
     rig, missing = list(configured or ()), []
     if rig:
@@ -133,57 +126,32 @@ def required_pulley_speeds(
             missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
         gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
         statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
-    return RequiredSpeeds(
-        proposed_rad_s=tuple(np.geomspace(low, high, PROPOSED).tolist()) if low < high else (high,),
-        covered=not missing if rig else None,
-        statement=statement,
-    )
-
-
-Runs = dict[str, list[Array]]  # samples of each run by column
-
-DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"
-COLUMNS = ("initial_tension_N", TORQUE, DRIVER, DRIVEN)
-GAINS = (
-    "the driven pulley gains on the driver: it drives, or the columns of driver and driven speed "
-    "are swapped"
-)
-BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
-MIN_SAMPLES = 3  # minimum number of usable samples of a run
-NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2
-"""Torque over the largest that counts as zero: below the first, or within its noise and below the
-second."""
-AT_SPEED = 0.98  # share of its speed above which a driver has reached it
-STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
+    proposed = np.geomspace(low, high, PROPOSED).tolist() if low < high else [high]
+    return tuple(proposed), not missing if rig else None, statement
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
     """Calculate the sliding speed of each run of a speed-loss recording, Eq. (7); drop no run.
 
-    Parameters
-    ----------
-    speedloss : mapping of str to ndarray
-        Columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
-        ``driven_speed_rad_s``, shape (n,) each, n >= 1; nan where missing.
-    pulley_radius_m : float
-        Radius of the belt's centreline on the driver pulley [m].
-
-    Raises
-    ------
-    InputError
-        If no point can be used.
+    The columns ``run``, ``initial_tension_N``, ``torque_N_m``, ``driver_speed_rad_s`` and
+    ``driven_speed_rad_s``, (n,) with n >= 1, are nan where missing; the radius [m] is that of the
+    belt's centreline on the driver pulley. Raises `InputError` if no point can be used.
     """
-    labels, runs = _runs(speedloss)
+    named = np.asarray(speedloss["run"]).astype(str)
+    labels = np.array(list(dict.fromkeys(named.tolist())), dtype=object)
+    columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
+    runs = {name: [x[named == run] for run in labels] for name, x in columns.items()}
     notes = _cut_to_speed(labels, runs)
     one = np.zeros(labels.size, dtype=np.intp)
     tension, torque, speed, driven = (pooled_means(runs[name], one)[0] for name in COLUMNS)
     series = _series(speed)
     torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
-    rounding = [
-        rounding_of_mean(np.array([_scatter(speeds) for speeds in runs[name]]), step)
+    scatters = (
+        [np.nanstd(x) if np.isfinite(x).any() else 0.0 for x in runs[name]]
         for name in (DRIVER, DRIVEN)
-    ]
+    )
+    rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
     with np.errstate(divide="ignore", invalid="ignore"):
         quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     ratios, scatter = pooled_means(quotients, series)
@@ -221,27 +189,28 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         why = zip(labels[~service], status[~service], strict=True)
         raise InputError([*(f"run {label}: {text}" for label, text in why), *of_ratio])
     for text in dict.fromkeys(status[~service]):
-        named = ", ".join(labels[status == text])
-        notes.append(f"{text}: {named}; ignored for the largest sliding speed")
+        listed = ", ".join(labels[status == text])
+        notes.append(f"{text}: {listed}; ignored for the largest sliding speed")
     v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
-    columns = labels, speed, tension, torque, loss, v, v_se, n, status
     largest = int(np.argmax(np.where(service, v, -np.inf)))
     return SlipResult(
-        points=tuple(SlipPoint(*row) for row in zip(*(c.tolist() for c in columns), strict=True)),
+        columns={
+            "run": labels,
+            DRIVER: speed,
+            "initial_tension_N": tension,
+            TORQUE: torque,
+            "speed_loss_rad_s": loss,
+            "slip_speed_m_s": v,
+            "slip_speed_se_m_s": v_se,
+            "n_samples": n,
+            "status": status,
+        },
         ratio=ratio,
         ratio_se=ratio_se,
         max_slip_speed_m_s=abs(float(v[largest])),
         max_slip_run=labels[largest],
         notes=(*notes, *of_ratio),
     )
-
-
-def _runs(speedloss: Mapping[str, NDArray]) -> tuple[NDArray[np.object_], Runs]:
-    """Split the columns by run; return the labels in the order of the recording."""
-    labels = np.asarray(speedloss["run"]).astype(str)
-    names = np.array(list(dict.fromkeys(labels.tolist())), dtype=object)
-    columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
-    return names, {name: [x[labels == run] for run in names] for name, x in columns.items()}
 
 
 def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
@@ -269,11 +238,6 @@ def _series(speed: Array) -> NDArray[np.intp]:
     series = settings_of(np.abs(speed), SAME_SETTING)
     one = not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS
     return np.zeros_like(series) if one else series
-
-
-def _scatter(samples: Array) -> float:
-    """Return the standard deviation of the samples that there are; zero without."""
-    return float(np.nanstd(samples)) if np.isfinite(samples).any() else 0.0
 
 
 def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, float]:

@@ -25,10 +25,10 @@ from beltid.errors import InputError, counted
 from beltid.identify.agreement import (
     AgreementResult,
     Fold,
-    Statistics,
     between_speeds,
     compare_points,
     folds,
+    statistics,
 )
 from beltid.identify.slip import GROSS_SLIP, OK
 from beltid.notes import log
@@ -124,7 +124,7 @@ def agreement(
     result, found = validated(
         compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
     )
-    n = len(result.run)
+    n = len(result.columns["run"])
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
@@ -132,7 +132,7 @@ def agreement(
         few = f"only {n} of {result.n_usable} measured runs were compared"
         warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        result.to_columns() | found.columns | {"status": np.full(n, OK, dtype=object)},
+        result.columns | found.columns | {"status": np.full(n, OK, dtype=object)},
         result,
         facts={
             "runs_compared": n,
@@ -144,12 +144,12 @@ def agreement(
             "validation": found.facts,
         },
         tables={
-            "groups": [group.as_row() for group in result.groups],
+            "groups": list(result.groups),
             "judged": result.verdict_table(),
             "averaged": rows_of(result.averaged, *result.averaged),
             "budget": found.budget,
         },
-        validity={"normal_force_N_m": span(result.normal_force_N_m)},
+        validity={"normal_force_N_m": span(result.columns["normal_force_N_m"])},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
         notes=tuple(filter(None, (*found.notes, result.against_uncertainty))),
         warnings=tuple(warnings),
@@ -187,12 +187,13 @@ def predicted_runs(
     outcome = agreement(measured, simulated, config, uncertainty)
     groups = [*outcome.tables["groups"]]
     if by == "speed":
-        result = outcome.result
         ends = np.cumsum([prediction.fold.left_out.size for prediction in predicted])[:-1]
-        differences = np.split(result.relative_difference, ends)
-        forces = np.split(result.normal_force_N_m, ends)
+        differences, forces = (
+            np.split(outcome.result.columns[name], ends)
+            for name in ("relative_difference", "normal_force_N_m")
+        )
         for prediction, *of_fold in zip(predicted, differences, forces, strict=True):
-            groups.append(Statistics.of(prediction.fold.name, *of_fold).as_row())
+            groups.append(statistics(prediction.fold.name, *of_fold))
     return replace(
         outcome,
         facts={"hold_out": by, **outcome.facts},

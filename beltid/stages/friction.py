@@ -144,20 +144,20 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         driver = radii.get(config.drive.driving, radius)
     with at(speedloss):
         result = fit_slip(speedloss.columns, driver)
-    points, statement, warnings = result.points, list[str](), list[str]()
-    proposed = covered = None
+    points, warnings = result.columns, list[str]()
+    proposed = covered = statement = None
     stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
     try:
-        needed = required_pulley_speeds(result, radius, stated)
-        proposed, covered, statement = needed.proposed_rad_s, needed.covered, [needed.statement]
+        proposed, covered, statement = required_pulley_speeds(result, radius, stated)
     except InputError as error:  # the sliding speeds were found; keep them
         warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
-    aside = [{"run": p.run, "why": p.status} for p in points if p.status not in (OK, GROSS_SLIP)]
+    of_runs = zip(points["run"], points["status"], strict=True)
+    aside = [{"run": run, "why": why} for run, why in of_runs if why not in (OK, GROSS_SLIP)]
     return Outcome(
-        columns_from("slip", points),
+        columns_from("slip", (None,), **points),
         result,
         facts={
-            "runs": len(points),
+            "runs": len(points["run"]),
             "largest_slip_speed_m_s": result.max_slip_speed_m_s,
             "in_run": result.max_slip_run,
             "rig_speeds_proposed_rad_s": proposed,
@@ -167,7 +167,7 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         },
         validity={"slip_speed_m_s": (0.0, result.max_slip_speed_m_s)},
         set_aside=aside,
-        notes=(*result.notes, *statement),
+        notes=(*result.notes, *filter(None, [statement])),
         warnings=(*set_aside_lines(aside), *warnings),
     )
 
@@ -496,7 +496,7 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
 
 def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
     """Return a run; of a long one, the samples with the extremes of neighbouring tensions."""
-    tight, slack = record.tension_tight_N, record.tension_slack_N
+    tight, slack = record.tensions.T
     kept = np.arange(tight.size)
     if tight.size > most:
         groups = [rows[np.isfinite(tight[rows])] for rows in np.array_split(kept, most // 2)]
@@ -512,5 +512,5 @@ def _thinned(record: RunRecord, most: int) -> dict[str, np.ndarray]:
         "tension_tight_N": tight[kept],
         "tension_slack_N": slack[kept],
         "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.result.arc_deg)),
-        "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+        "pulley_speed_rad_s": record.speed[kept],
     }

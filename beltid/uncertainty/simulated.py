@@ -380,7 +380,7 @@ def validated(
     From the tables of reduced runs, and the uncertainty of the simulated ones if it is known.
     """
     of_measured, of_simulated = result.rows
-    mu = result.mu_measured
+    mu = result.columns["mu_measured"]
     none = np.zeros(mu.size)
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:

@@ -45,15 +45,17 @@ def test_difference_is_simulated_less_measured_over_measured() -> None:
     measured, simulated = pair()
     simulated["mu_sliding"] = measured["mu_sliding"] * 1.02
     result = compare_points(measured, shuffled(simulated))
-    assert result.mu_measured == pytest.approx(measured["mu_sliding"], rel=1e-15)
-    assert result.difference == pytest.approx(0.02 * measured["mu_sliding"], rel=1e-12)
-    assert result.relative_difference == pytest.approx(np.full(36, 0.02), rel=1e-12)
-    assert list(result.run) == list(measured["run"])
+    assert result.columns["mu_measured"] == pytest.approx(measured["mu_sliding"], rel=1e-15)
+    assert result.columns["difference"] == pytest.approx(0.02 * measured["mu_sliding"], rel=1e-12)
+    assert result.columns["relative_difference"] == pytest.approx(np.full(36, 0.02), rel=1e-12)
+    assert list(result.columns["run"]) == list(measured["run"])
     assert result.not_compared == {}
     assert result.passed  # without tolerances nothing is judged
-    assert result.within_tolerance.all()
+    assert result.columns["within_tolerance"].all()
     backward = {**measured, "pulley_speed_rad_s": -1.01 * measured["pulley_speed_rad_s"]}
-    assert np.array_equal(compare_points(backward, simulated).mu_simulated, simulated["mu_sliding"])
+    assert np.array_equal(
+        compare_points(backward, simulated).columns["mu_simulated"], simulated["mu_sliding"]
+    )
 
 
 def test_statistics_of_hand_made_differences() -> None:
@@ -62,22 +64,23 @@ def test_statistics_of_hand_made_differences() -> None:
     relative[[0, 1, 2]] = 0.03, -0.04, 0.12  # arc 40°, lowest tension
     simulated["mu_sliding"] = measured["mu_sliding"] * (1 + relative)
     result = compare_points(measured, simulated)
-    assert result.overall.n_points == 36
-    assert result.overall.rms == pytest.approx(0.13 / 6)  # sqrt(9 + 16 + 144) = 13
-    assert result.overall.mean == pytest.approx(0.11 / 36)
-    assert result.overall.mean_magnitude == pytest.approx(0.19 / 36)
-    assert result.overall.largest == pytest.approx(0.12)
-    groups = {s.group: s for s in result.groups}
+    groups = {row["group"]: row for row in result.groups}
     arcs, words = ("40°", "68°", "82°"), ("low", "middle", "high")
     thirds = [f"{word} third of the force" for word in words]
     assert list(groups) == ["all points", *(f"arc {a}" for a in arcs), "means over arcs", *thirds]
-    assert groups["arc 40°"].rms == pytest.approx(0.13 / np.sqrt(12))
-    assert groups["arc 68°"].largest == pytest.approx(0.0, abs=1e-15)
+    overall = groups["all points"]
+    assert overall["n_points"] == 36
+    assert overall["rms_percent"] == pytest.approx(13 / 6)  # sqrt(9 + 16 + 144) = 13
+    assert overall["mean_percent"] == pytest.approx(11 / 36)
+    assert overall["mean_magnitude_percent"] == pytest.approx(19 / 36)
+    assert overall["largest_percent"] == pytest.approx(12.0)
+    assert groups["arc 40°"]["rms_percent"] == pytest.approx(13 / np.sqrt(12))
+    assert groups["arc 68°"]["largest_percent"] == pytest.approx(0.0, abs=1e-13)
     low, middle, high = (groups[third] for third in thirds)
-    assert [third.n_points for third in (low, middle, high)] == [12, 12, 12]
-    assert (low.largest, middle.largest) == pytest.approx((0.12, 0.0), abs=1e-15)
-    assert low.force_high_N_m <= middle.force_low_N_m
-    assert middle.force_high_N_m <= high.force_low_N_m
+    assert [third["n_points"] for third in (low, middle, high)] == [12, 12, 12]
+    assert low["largest_percent"] == pytest.approx(12.0)
+    assert low["force_high_N_m"] <= middle["force_low_N_m"]
+    assert middle["force_high_N_m"] <= high["force_low_N_m"]
 
 
 def test_mean_over_arcs_is_taken_before_the_difference() -> None:
@@ -85,10 +88,10 @@ def test_mean_over_arcs_is_taken_before_the_difference() -> None:
     factor = {40.0: 1.06, 68.0: 1.0, 82.0: 0.94}  # cancels in the mean over arcs
     simulated["mu_sliding"] = measured["mu_sliding"] * [factor[a] for a in measured["arc_deg"]]
     result = compare_points(measured, simulated)
-    assert result.overall.rms == pytest.approx(0.06 * np.sqrt(2 / 3))
-    (means,) = (group for group in result.groups if group.group == "means over arcs")
-    assert means.n_points == 12
-    assert means.largest == pytest.approx(0.0, abs=1e-14)
+    assert result.groups[0]["rms_percent"] == pytest.approx(6.0 * np.sqrt(2 / 3))
+    (means,) = (row for row in result.groups if row["group"] == "means over arcs")
+    assert means["n_points"] == 12
+    assert means["largest_percent"] == pytest.approx(0.0, abs=1e-12)
     assert np.array_equal(result.averaged["n_arcs"], np.full(12, 3))
     setting = result.averaged["nominal_tension_N"][0], result.averaged["pulley_speed_rad_s"][0]
     assert setting == pytest.approx((50.0, 0.05))
@@ -100,9 +103,9 @@ def test_nearest_speed_wins_within_the_tolerance() -> None:
     simulated["run"] = np.array(["a", "b", "c"], dtype=object)
     simulated["pulley_speed_rad_s"] = 0.05 * np.array([0.98, 1.005, 1.02])
     simulated["mu_sliding"] = np.array([1.0, 2.0, 3.0])
-    assert compare_points(measured, simulated).mu_simulated == [2.0]
+    assert compare_points(measured, simulated).columns["mu_simulated"] == [2.0]
     simulated["run"][2] = "M000"  # the same label says more than a percent of speed
-    assert compare_points(measured, simulated).mu_simulated == [3.0]
+    assert compare_points(measured, simulated).columns["mu_simulated"] == [3.0]
 
 
 def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
@@ -117,8 +120,8 @@ def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
     extra["arc_deg"][-1] = 120.0
     extra["run"][-1] = "S999"
     result = compare_points(measured, extra)
-    assert result.overall.n_points == 30
-    assert np.isfinite(result.relative_difference).all()
+    assert result.groups[0]["n_points"] == 30
+    assert np.isfinite(result.columns["relative_difference"]).all()
     assert result.not_compared == {
         "measured: never slides": 1,
         "measured: mu_sliding not a number > 0": 2,

@@ -16,7 +16,7 @@ from beltid.identify.friction.channels import (
     read_channels,
     rest_state,
 )
-from beltid.identify.friction.run import RunRecord, RunRejected
+from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 
 N, FIRST = 200, 50
 TIGHT, SLACK, SPEED = "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"
@@ -34,8 +34,16 @@ def columns(seed=0):
     }
 
 
+def recorded(time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s, temperature=None):
+    tensions = np.column_stack([tension_tight_N, tension_slack_N])
+    temperature = np.full(time_s.size, np.nan) if temperature is None else temperature
+    return RunRecord(time_s, tensions, pulley_speed_rad_s, temperature)
+
+
 def prepared(**changed):
-    return read_channels(RunRecord(**{**columns(), **changed}))
+    """The usable channels, and the result with the counts."""
+    run = RunReduction()
+    return read_channels(recorded(**{**columns(), **changed}), run), run
 
 
 def limit(fine, message):
@@ -50,9 +58,9 @@ def test_gaps_and_spikes_are_counted_once_each():
     tight[100], slack[[100, 120]] = tight[100] + 40.0, slack[[100, 120]] - 30.0
     t[150] = np.nan
     speed[[10, 11, 170]] = -9999.0, 9.9e37, np.inf  # marks of an overflow
-    found = prepared(**c, temperature_degC=np.arange(float(N)))
-    assert found.n_spikes == 2  # samples 100 and 120
-    assert found.n_missing == 3 + 1  # samples 60, 61 and 70; the row without a time
+    found, run = prepared(**c, temperature=np.arange(float(N)))
+    assert run.n_spikes == 2  # samples 100 and 120
+    assert run.n_missing == 3 + 1  # samples 60, 61 and 70; the row without a time
     assert found.time_s.size == N - 1
     assert np.flatnonzero(~found.usable).tolist() == [60, 61, 70, 100, 120]
     assert found.temperature[150] == 151.0
@@ -109,11 +117,11 @@ def test_a_cell_at_one_extreme_for_a_twentyfifth_of_the_sliding_is_saturated(
 
 def test_a_coarse_converter_is_not_saturated_and_rounds_its_means():
     c = columns(1)
-    found = prepared(**{name: 3.0 * np.round(c[name] / 3.0) for name in (TIGHT, SLACK)})
+    found, _ = prepared(**{name: 3.0 * np.round(c[name] / 3.0) for name in (TIGHT, SLACK)})
     # without noise a uniform distribution as wide as a step
     assert np.all((found.rounding_N > 0.5) & (found.rounding_N <= 3.0 / np.sqrt(12.0)))
     fine = {name: np.round(c[name], 1) for name in (TIGHT, SLACK)}
-    assert np.all(prepared(**fine).rounding_N < 1e-6)  # noise averages over its steps
+    assert np.all(prepared(**fine)[0].rounding_N < 1e-6)  # noise averages over its steps
 
 
 def long_run(n):
@@ -125,7 +133,7 @@ def long_run(n):
 def test_a_long_run_is_averaged_over_blocks():
     for n in (2 * BLOCKS - 1, 20_011):
         c = long_run(n)
-        found = read_channels(RunRecord(**c))
+        found = read_channels(recorded(**c), RunReduction())
         size = n // BLOCKS if n >= 2 * BLOCKS else 1
         counts = np.full(found.time_s.size, size)
         counts[-1] = n - counts[:-1].sum()
@@ -134,7 +142,8 @@ def test_a_long_run_is_averaged_over_blocks():
             assert counts @ mean / n == pytest.approx(np.mean(whole), rel=1e-12)
     at = [0, 40, 5000, 5001, n - 40, n - 1]
     c[TIGHT][at] += 40.0
-    assert read_channels(RunRecord(**c)).n_spikes == len(at)
+    read_channels(recorded(**c), run := RunReduction())
+    assert run.n_spikes == len(at)
 
 
 # --- rotation ---

@@ -189,8 +189,19 @@ def test_a_known_error_of_the_only_cell_is_in_both_tensions(bench):
     known = RigKind("torque", cells=(KnownCell(), KnownCell(tare_N=3.0, gain=1.02)))
     true = run_records(without(bench, "tension_tight_N"), R, RigKind("torque"))
     for one, other in zip(run_records(off, R, known), true, strict=True):
-        for name in CELLS:
-            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-12)
+        np.testing.assert_allclose(one.tensions, other.tensions, rtol=1e-12)
+
+
+def test_known_errors_of_both_cells_are_taken_off_and_stay_with_exchanged_columns(bench):
+    true = without(bench, *BESIDE)
+    tight, slack = (true[name] for name in CELLS)
+    read = true | {CELLS[0]: tight / 1.03 + 4.0, CELLS[1]: slack / 0.98 - 2.5}
+    cells = KnownCell(4.0, 1.03), KnownCell(-2.5, 0.98)
+    swapped = true | dict(zip(CELLS, (read[CELLS[1]], read[CELLS[0]]), strict=True))
+    for columns, known, exchanged in ((read, cells, False), (swapped, cells[::-1], True)):
+        runs = reduce_runs(columns, R, RigKind(cells=known))
+        assert all(run.swapped == exchanged for run in runs)
+        assert mu(runs) == pytest.approx(mu(reduce_runs(true, R)), rel=1e-6)
 
 
 def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from beltid.identify.surface.surface import Curve, Grid, Points, average, grid_of
+from beltid.identify.surface.surface import Curve, Points, average, grid_of
 
 SPEEDS = np.array([0.01, 0.02, 0.04])
 
@@ -21,8 +21,8 @@ def curve(arc, speed, f, mu, se=0.01, band=(0.1, 3.0)):
     return Curve(arc, SPEEDS[speed], f, mu, np.full(f.size, se), band)
 
 
-def grid_with(*rows, last=4000.0):
-    return Grid(tuple(tuple(row) for row in rows), (1000.0, last))
+def average_of(*rows, errors_known=True):
+    return average(rows, (1000.0, 4000.0), errors_known)
 
 
 # Student's t with one, two and three degrees of freedom; as probable as one standard deviation
@@ -31,12 +31,12 @@ LONG, SHORT = (1000.0, 2000.0, 4000.0), (1000.0, 2000.0)
 
 
 def test_nodes_that_all_arcs_cover():
-    curves = grid_with(
+    curves = (
         (curve(40.0, 0, LONG, (1.0, 0.9, 0.8), 0.01), curve(80.0, 0, LONG, (0.9, 0.8, 0.7), 0.02)),
         (curve(40.0, 1, LONG, (1.2, 1.1, 1.0), 0.01), curve(80.0, 1, LONG, (1.1, 1.0, 0.86), 0.02)),
     )
-    grid, notes = average(curves, True)
-    assert notes == ()
+    grid, notes = average_of(*curves)
+    assert notes == []
     assert grid.normal_force_N_m == pytest.approx(LONG, rel=1e-12)
     assert math.isnan(grid.arc_deg)
     assert grid.mu == pytest.approx(np.array([[0.95, 1.15], [0.85, 1.05], [0.75, 0.93]]), rel=1e-9)
@@ -48,7 +48,7 @@ def test_nodes_that_all_arcs_cover():
     tau2 = T_1**2 * excess.mean(axis=1)[:, None]  # over both speeds at the same force
     assert grid.mu_se == pytest.approx(np.sqrt(runs / 4 + tau2 * grid.mu**2 / 2), rel=5e-3)
     assert np.linalg.norm(grid.scatter, axis=-1) == pytest.approx(grid.mu_se / grid.mu, rel=1e-9)
-    assert average(curves, False)[0].mu_se == pytest.approx(grid.mu_se, rel=1e-9)
+    assert average_of(*curves, errors_known=False)[0].mu_se == pytest.approx(grid.mu_se, rel=1e-9)
 
 
 def test_an_arc_that_ends_is_carried_on_in_parallel():
@@ -57,8 +57,8 @@ def test_an_arc_that_ends_is_carried_on_in_parallel():
         curve(60.0, 0, LONG, (1.1, 1.0, 0.8)),
         curve(80.0, 0, SHORT, (0.7, 0.6)),
     )
-    grid, notes = average(grid_with(row), True)
-    assert notes == ()
+    grid, notes = average_of(row)
+    assert notes == []
     growth = (0.72 + 0.8) / (0.9 + 1.0)
     assert grid.mu[:, 0] == pytest.approx([2.8 / 3, 2.5 / 3, (0.72 + 0.8 + 0.6 * growth) / 3])
     assert grid.n_arcs[:, 0].tolist() == [3, 3, 2]
@@ -73,7 +73,7 @@ def test_an_arc_that_ends_is_carried_on_in_parallel():
 def test_a_force_where_most_arcs_have_ended_takes_the_spread_of_its_neighbour():
     ends = [curve(a, 0, SHORT, (1.0 + 0.001 * a, 0.9 + 0.001 * a)) for a in (40.0, 50.0)]
     others = curve(70.0, 0, LONG, (1.0, 0.9, 0.8)), curve(80.0, 0, LONG, (1.2, 1.1, 1.0))
-    grid, _ = average(grid_with((*ends, *others)), True)
+    grid, _ = average_of((*ends, *others))
     assert grid.n_arcs[:, 0].tolist() == [4, 4, 2]
     spread = np.std([0.94, 0.95, 0.9, 1.1], ddof=1)
     tau2 = T_3**2 * (spread**2 - 4 * 0.01**2 / 4) / grid.mu[1, 0] ** 2
@@ -92,7 +92,7 @@ def test_one_tension_gives_a_surface_over_the_speed_alone():
             np.full(4, 0.01),
         )
     )
-    grid, _ = average(found, True)
+    grid, _ = average(*found[:2], True)
     assert grid.normal_force_N_m == pytest.approx([math.sqrt(1000.0 * 1600.0)])
     assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]))
     assert np.all(grid.n_arcs == 2)
@@ -143,7 +143,7 @@ def test_precise_repetitions_count_more_than_rough_ones() -> None:
     )
     grid = grid_of(points)
     assert grid is not None
-    ((one,),) = grid.by_speed
+    ((one,),) = grid[0]
     assert one.f == pytest.approx([1000.0, 2000.0])
     assert one.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
     assert one.se == pytest.approx([0.02 / np.sqrt(5), 0.01])

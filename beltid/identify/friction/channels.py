@@ -24,7 +24,7 @@ from beltid.identify.estimators import (
     running_median,
     spike_mask,
 )
-from beltid.identify.friction.run import PERFECT, SPANS, TWO_CELLS, RigKind, RunRecord, RunRejected
+from beltid.identify.friction.run import PERFECT, SPANS, RunRecord, RunReduction, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,27 +44,11 @@ FEWEST_TURNING = 20
 """Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
 
 
-@dataclass(frozen=True, slots=True)
-class Channels:
-    """Usable channels of a run without the rows that have no time, shape (n,) each."""
+def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
+    """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`.
 
-    time_s: Array
-    tensions: Array  # of the tight and the slack cell [N], nan if unusable, (n, 2)
-    speed: Array  # of the pulley [rad/s], without gaps
-    temperature: Array  # [°C], nan if unknown
-    n_spikes: int
-    n_missing: int
-    rounding_N: Array  # error of a mean of either cell by a coarse converter [N], shape (2,)
-    kind: RigKind = TWO_CELLS  # what the bench measured
-
-    @property
-    def usable(self) -> Mask:
-        """Mask of the samples with both tensions."""
-        return np.all(np.isfinite(self.tensions), axis=1)
-
-
-def read_channels(record: RunRecord) -> Channels:
-    """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`."""
+    Rows without a time are left out. Counts of spikes and missing samples are set in the result.
+    """
     timed = np.isfinite(record.time_s)
     n = record.time_s.size
     if n < 2:
@@ -80,35 +64,26 @@ def read_channels(record: RunRecord) -> Channels:
         )
     if t[-1] <= t[0]:
         raise RunRejected(f"time_s stands still at {t[0]:g} s")
-    tensions, spikes = np.empty((t.size, 2)), np.zeros((t.size, 2), dtype=bool)
-    recorded = [x[timed] for x in (record.tension_tight_N, record.tension_slack_N)]
+    tensions, spikes = record.tensions[timed], np.zeros((t.size, 2), dtype=bool)
     is_read = record.kind.measures == "two_cells" and not record.kind.running
     cells = record.kind.cells if is_read else PERFECT
-    last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, recorded, strict=True)]
+    last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
     step, rounding_N = resolution(*last), np.zeros(2)
-    for k, (span, values, cell) in enumerate(zip(SPANS, recorded, cells, strict=True)):
+    for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
         if span != record.kind.weight:
-            values, spikes[:, k] = _tension(values, f"tension_{span}_N")
+            values, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
             rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
-        tensions[:, k] = values
+            tensions[:, k] = values
     lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
-    temperature = record.temperature_degC
-    temperature = np.full(t.size, np.nan) if temperature is None else temperature[timed]
-    columns = [_untied(t), tensions, _speed(t, record.pulley_speed_rad_s[timed]), temperature]
+    run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
+    run.n_missing = int(np.count_nonzero(lost)) + n - t.size
+    columns = [_untied(t), tensions, _speed(t, record.speed[timed]), record.temperature[timed]]
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
-    return Channels(
-        time_s=columns[0],
-        tensions=columns[1],
-        speed=columns[2],
-        temperature=columns[3],
-        n_spikes=int(np.count_nonzero(spikes.any(axis=1))),
-        n_missing=int(np.count_nonzero(lost)) + n - t.size,
-        rounding_N=rounding_N,
-        kind=record.kind,
-    )
+    names = ("time_s", "tensions", "speed", "temperature")
+    return replace(record, rounding_N=rounding_N, **dict(zip(names, columns, strict=True)))
 
 
 def _untied(t: Array) -> Array:
@@ -236,7 +211,7 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
     return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
-def _second_half(channels: Channels, rotation: Rotation) -> Array:
+def _second_half(channels: RunRecord, rotation: Rotation) -> Array:
     """Return the usable tensions (n, 2) of the second half of the time at full speed."""
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     tensions = channels.tensions[half][channels.usable[half]]
@@ -245,7 +220,7 @@ def _second_half(channels: Channels, rotation: Rotation) -> Array:
     return tensions
 
 
-def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
+def unswapped(channels: RunRecord, rotation: Rotation) -> tuple[RunRecord, bool]:
     """Swap the cells if the slack one shows the larger tension throughout the sliding.
 
     Raises `RunRejected` if swapped cells cannot be the cause.
@@ -260,7 +235,7 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     return replace(channels, tensions=tensions, rounding_N=rounding_N), True
 
 
-def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
+def as_if_held(channels: RunRecord, rotation: Rotation) -> RunRecord:
     """Convert the tensions of a belt on a dead weight to those of a belt with fixed ends.
 
     The ratio of the tensions is kept; their sum is set to its median while the belt slides.
@@ -285,7 +260,7 @@ class SlidingPhase:
     slide: int  # first sample that is certainly after the build-up
 
 
-def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
+def sliding_phase(channels: RunRecord, rotation: Rotation) -> SlidingPhase:
     """Find where the belt begins to slide as a whole.
 
     Raises `RunRejected` if it never slides, or a cell does not respond.
@@ -341,7 +316,6 @@ NEAR = 1e-4 / 6.0
 AGREE, LARGE = 0.7, 0.1
 """Relative scatter of the levels of tension up to which they agree; share of the lowest stated
 tension, or of the factor 1, above which the readings contradict the stated tensions."""
-ROUGH = "If only the stated tensions are wrong, correct initial_tension_N"
 
 
 @dataclass(frozen=True, slots=True)
@@ -440,8 +414,6 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
         return ""
     offset_N, offset_apart = _median_level(measured - stated, stated)
     excess, excess_apart = _median_level(measured / stated - 1.0, stated)
-    if min(offset_apart, excess_apart) > AGREE:
-        return ""
     if offset_apart < excess_apart:
         is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
         remedy = (
@@ -455,11 +427,12 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
             "State a known error of the cells as friction.tension_tight_gain and "
             "friction.tension_slack_gain"
         )
-    text = (
+    if not is_large or min(offset_apart, excess_apart) > AGREE:
+        return ""
+    return (
         f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
-        f"tension: {remedy}. {ROUGH}"
+        f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
     )
-    return text if is_large else ""
 
 
 def _median_level(values: Array, stated: Array) -> tuple[float, float]:

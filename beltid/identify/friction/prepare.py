@@ -27,7 +27,6 @@ from beltid.identify.estimators import (
     strongest_line,
 )
 from beltid.identify.friction.channels import (
-    Channels,
     Rest,
     Rotation,
     SlidingPhase,
@@ -76,8 +75,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     weight = record.kind.weight
     if record.defect:
         raise RunRejected(record.defect)
-    channels = read_channels(record)
-    run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
+    channels = read_channels(record, run)
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
     # valid for a running belt, too
@@ -138,7 +136,7 @@ def _take_up(phase: SlidingPhase) -> float:
     return 1.5 * float(phase.angle[phase.first + samples]) if samples >= FEWEST_BUILT else NAN
 
 
-def _rotation_notes(rotation: Rotation, channels: Channels) -> Iterator[str]:
+def _rotation_notes(rotation: Rotation, channels: RunRecord) -> Iterator[str]:
     """Yield notes on the rotation; raise `RunRejected` if the speed is not steady."""
     change = rotation.unsteadiness
     if abs(change) > SPEED_CHANGE_ALLOWED:
@@ -154,7 +152,7 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> Iterator[str]:
         yield f"the pulley stops at {channels.time_s[rotation.end]:.4g} s"
 
 
-def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
+def _noise_at_rest(rest: Rest, channels: RunRecord, sliding: SlidingRecord) -> float:
     """Convert the noise at rest to noise of z while sliding, over the sensitivity there [N]."""
     at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
     time = channels.time_s[at_rest]

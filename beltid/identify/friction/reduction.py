@@ -16,12 +16,12 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -55,30 +55,13 @@ SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
 def reduce_plateaus(
     columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float = NAN
 ) -> tuple[RunReduction, ...]:
-    """Reduce a table with one row per plateau: each row is a run of one sample.
+    """Reduce a table with one row per plateau: each row is a run of one sample, (n,).
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Columns of the table of points, shape (n,) each, nan or None where a value is missing. They
-        hold mu and normal_force_N_m, or arc_deg and the channels of the kind; and
-        pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is subtracted from the others.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    resolution_N : float
-        Resolution of the forces [N]; nan if not stated.
-
-    Returns
-    -------
-    tuple of RunReduction
-        One for every row, except those of the idle pulley.
-
-    Raises
-    ------
-    InputError
-        With the columns that are missing.
+    The columns, nan or None where a value is missing, hold mu and normal_force_N_m, or arc_deg and
+    the channels of the kind; and pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is
+    subtracted from the others. R [m] is the radius of the belt's centreline on the pulley,
+    `resolution_N` that of the forces [N], nan if not stated. Raises `InputError` with the columns
+    that are missing.
     """
     n = len(columns["run"])
     table: dict[str, NDArray[Any]] = {
@@ -95,7 +78,11 @@ def reduce_plateaus(
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    table |= {"run": _unique([str(label) for label in columns["run"]]), **texts}
+    labels = pd.Series([str(label) for label in columns["run"]], dtype=object)
+    number = (labels.groupby(labels).cumcount() + 1).astype(str)
+    # rows with the same label are numbered
+    labels = labels.where(~labels.duplicated(keep=False), labels + "-" + number)
+    table |= {"run": labels.to_numpy(), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
@@ -110,12 +97,12 @@ def reduce_plateaus(
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
         run.temperature_degC, run.n_samples = float(table["temperature_degC"][row]), 1
         run.pulley_speed_rad_s = abs(float(table["pulley_speed_rad_s"][row]))
-        relative, v = float(record.pulley_speed_rad_s[0]), float(table["slip_speed_m_s"][row])
+        relative, v = float(record.speed[0]), float(table["slip_speed_m_s"][row])
         run.slip_speed_m_s = abs(sliding_speed(relative, R) if np.isnan(v) else v)
         if direct:
             run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
         else:
-            run.set_plateau(record.tension_tight_N[0], record.tension_slack_N[0], R)
+            run.set_plateau(*record.tensions[0], R)
         run.mu_sliding_se = se
         run.status = _problem(run, record.kind) or "ok"
     return tuple(record.result for record in records)
@@ -130,21 +117,11 @@ def _by_resolution(
         mu = []
         for shift in (-half, half):
             runs = run_records({**table, name: table[name] + shift}, R, kind)
-            tight, slack = np.array([(r.tension_tight_N[0], r.tension_slack_N[0]) for r in runs]).T
+            tight, slack = np.array([r.tensions[0] for r in runs]).T
             arcs = np.radians([r.result.arc_deg for r in runs])
             mu.append(friction_coefficient(tight, slack, arcs))
         changes.append(mu[1] - mu[0])
     return np.asarray(np.linalg.norm(changes, axis=0))
-
-
-def _unique(labels: list[str]) -> NDArray[Any]:
-    """Return unique labels; rows with the same label are numbered."""
-    total, seen = Counter(labels), Counter[str]()
-    unique = []
-    for label in labels:
-        seen[label] += 1
-        unique.append(f"{label}-{seen[label]}" if total[label] > 1 else label)
-    return np.array(unique, dtype=object)
 
 
 def _problem(run: RunReduction, kind: RigKind) -> str:
@@ -191,21 +168,10 @@ def reduce_records(
 ) -> tuple[RunReduction, ...]:
     """Reduce the runs of a bench together, to one result for every run, in their order.
 
-    Parameters
-    ----------
-    records : iterable of RunRecord
-        The runs.
-    R : float
-        Radius of the belt's centreline on the pulley [m], > 0.
-    gain_rel : float
-        Stated standard uncertainty of the gain of a load cell, relative.
-    free_at_rest : bool
-        Whether the belt holds no friction at rest, so that the rest shows the gains, too.
-
-    Raises
-    ------
-    InputError
-        If the tensions at rest do not match the stated ones, see :func:`against_stated`.
+    R [m] is the radius of the belt's centreline on the pulley, `gain_rel` the stated relative
+    standard uncertainty of the gain of a load cell. A belt that is `free_at_rest` holds no friction
+    then, so that the rest shows the gains, too. Raises `InputError` if the tensions at rest do not
+    match the stated ones, see :func:`against_stated`.
     """
     prepared = [prepare_run(record, R) for record in records]
     sliding = [(run, record) for run, record in prepared if record is not None]

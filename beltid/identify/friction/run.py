@@ -48,6 +48,14 @@ Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
 TURNS = 0.03  # share of the largest speed above which the pulley counts as turning
 LEAST_SLIP = 1e-9  # ratio of sliding speed to belt speed below which the sliding is rounding error
+NAN = float("nan")
+MAX_MU = 3.0  # largest credible friction coefficient [-]
+CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
+NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")
+"""Settings of a run, which do not change within it."""
+SPEEDS = ("pulley_speed_rad_s", "belt_speed_m_s")
+NUMBERS = (*CELLS, *NOMINAL, *SPEEDS, "time_s", "torque_N_m", "temperature_degC")
+TEXTS = ("condition", "side")  # text columns with the conditions of a run
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +129,11 @@ class RigKind:
 
     def lacks(self, columns: Columns) -> list[str]:
         """Return which channels are missing, in words."""
+        beside = "weight_N" if self.weighs else f"tension_{self.torque_with}_N"
         needed = {
-            "two_cells": ("tension_tight_N", "tension_slack_N"),
+            "two_cells": CELLS[:2],
             "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
-            "torque": ("torque_N_m",),
+            "torque": ("torque_N_m", beside),
             "torque_hub": ("torque_N_m", "hub_force_N"),
         }[self.measures] + ("belt_speed_m_s",) * self.running
         return [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
@@ -134,26 +143,23 @@ class RigKind:
 
         Raises :class:`InputError` if channels are missing.
         """
-        if missing := self.lacks(columns):
+        found = self
+        if self.measures == "torque":
+            both = (self.torque_with, other(self.torque_with))
+            spans = [span for span in both if _has_values(columns, f"tension_{span}_N")]
+            weighs = not spans and _has_values(columns, "weight_N")
+            if not (spans or weighs):
+                raise InputError("column tension_tight_N, tension_slack_N or weight_N is missing")
+            if weighs and not self.weight_stated:
+                raise InputError(
+                    "a weight beside a torque: state the span that carries it, "
+                    "rig.holds: weight_tight or rig.holds: weight_slack"
+                )
+            beside = self.weight_on if weighs else spans[0]
+            found = replace(self, torque_with=beside, weighs=weighs)
+        if missing := found.lacks(columns):
             raise InputError(missing)
-        found = self.of_run(columns)
-        if self.measures != "torque" or _has_values(columns, f"tension_{found.torque_with}_N"):
-            return found
-        if not _has_values(columns, "weight_N"):
-            raise InputError("column tension_tight_N, tension_slack_N or weight_N is missing")
-        if not self.weight_stated:
-            raise InputError(
-                "a weight beside a torque: state the span that carries it, rig.holds: weight_tight "
-                "or rig.holds: weight_slack"
-            )
-        return replace(self, torque_with=self.weight_on, weighs=True)
-
-    def of_run(self, columns: Columns) -> RigKind:
-        """Return this kind with the span whose tension a run holds beside its torque."""
-        swapped = other(self.torque_with)
-        names = (f"tension_{span}_N" for span in (self.torque_with, swapped))
-        is_there = [_has_values(columns, name) for name in names]
-        return replace(self, torque_with=swapped) if is_there == [False, True] else self
+        return found
 
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
@@ -173,11 +179,6 @@ class RigKind:
             )
         return ""
 
-    def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
-        """Return the momentum part of the measured tensions [N]; zero with a hub force."""
-        mass = 0.0 if self.measures == "torque_hub" else self.mass_per_length_kg_m
-        return mass * belt_speed_m_s**2
-
     def tensions(
         self, columns: Columns, arc_deg: float | Array, R: float, drag: Drag | None = None
     ) -> tuple[Array, Array]:
@@ -191,7 +192,6 @@ class RigKind:
         if drag is not None:
             torque = torque - drag.at(magnitude)
         if self.measures == "torque_hub":
-            # the momentum of the belt does not load the axis
             hub, beta = PERFECT[0].tension(columns["hub_force_N"]), np.radians(arc_deg)
             return tensions_by_hub_force(torque, hub, beta, R, self.spans)
         measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
@@ -259,19 +259,6 @@ def _turning(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
 
 def _has_values(columns: Columns, name: str) -> bool:
     return bool(np.isfinite(columns.get(name, np.nan)).any())
-
-
-NAN = float("nan")
-MAX_MU = 3.0  # largest credible friction coefficient [-]
-CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
-CHANNELS = (
-    *CELLS,
-    *("time_s", "pulley_speed_rad_s", "belt_speed_m_s", "torque_N_m", "temperature_degC"),
-)
-NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")
-"""Settings of a run, which do not change within it."""
-NUMBERS = (*CHANNELS, *NOMINAL)
-TEXTS = ("condition", "side")  # text columns with the conditions of a run
 
 
 class RunRejected(Exception):
@@ -352,19 +339,25 @@ class RunReduction:
         self.normal_force_N_m = float(mean_normal_force(tight, slack, R)) if is_taut else NAN
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RunRecord:
-    """Recording of one run of the friction rig; columns of shape (n,), in order of time."""
+    """Recording of one run of the friction rig in order of time, n samples."""
 
-    time_s: Array
-    tension_tight_N: Array
-    tension_slack_N: Array
-    pulley_speed_rad_s: Array  # relative to the belt
-    temperature_degC: Array | None = None
+    time_s: Array  # (n,)
+    tensions: Array  # of the tight and the slack span [N], nan where unusable, (n, 2)
+    speed: Array  # of the pulley relative to the belt [rad/s], (n,)
+    temperature: Array  # [°C], nan if unknown, (n,)
     defect: str = ""  # why it cannot be a single run, e.g. a nominal setting changes
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
     result: RunReduction = field(default_factory=RunReduction)  # what is known before
     belt_speed_m_s: float = 0.0
+    rounding_N: Array = field(default_factory=lambda: np.zeros(2))
+    """Errors of means of both tensions by coarse converters [N], (2,)."""
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Mask of the samples with both tensions."""
+        return np.all(np.isfinite(self.tensions), axis=1)
 
 
 def arc_problem(arc_deg: float) -> str:
@@ -377,33 +370,18 @@ def arc_problem(arc_deg: float) -> str:
 def run_records(
     columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind = TWO_CELLS
 ) -> tuple[RunRecord, ...]:
-    """Split a recording into runs, in the order in which they first appear.
+    """Split a recording into runs, in the order in which they first appear, without idle ones.
 
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        The columns of rig.csv, shape (n,) each, as the reader checked them. Rows of a run need not
-        be together; they keep their order.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-
-    Returns
-    -------
-    tuple of RunRecord
-        All runs except those of the idle pulley.
-
-    Raises
-    ------
-    InputError
-        If a channel of the kind is missing.
+    The columns are those of rig.csv (n,), as the reader checked them; rows of a run need not be
+    together, but keep their order. R [m] is the radius of the belt's centreline on the pulley.
+    Raises `InputError` if a channel of the kind is missing.
     """
     numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
     kind = kind.found_in(numbers)
     texts = {k: np.asarray(columns[k], object) for k in ("idle", *TEXTS) if k in columns}
-    labels = np.array([_text(label) for label in np.asarray(columns["run"]).tolist()], object)
-    _, first, code = np.unique(labels.astype(str), return_index=True, return_inverse=True)
+    _, first, code = np.unique(
+        np.asarray(columns["run"]).astype(str), return_index=True, return_inverse=True
+    )
     rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
     runs, idle = [], []
     for k in np.argsort(first).tolist():
@@ -413,15 +391,9 @@ def run_records(
         if described.pop("idle", "") == "true":
             idle.append(of_run)
         else:
-            runs.append((str(labels[first[k]]), of_run, described))
+            runs.append((str(columns["run"][first[k]]), of_run, described))
     drag = drag_of(idle)
     return tuple(_record(*run, R, kind, drag) for run in runs)
-
-
-def _text(label: Any) -> str:
-    if label is None or label != label:
-        return ""
-    return str(int(label)) if isinstance(label, float) and label.is_integer() else str(label)
 
 
 def _record(
@@ -433,7 +405,6 @@ def _record(
     drag: Drag | None,
 ) -> RunRecord:
     """Build the record of one run; a nominal setting that changes within it is a defect."""
-    kind = kind if kind.weighs else kind.of_run(columns)
     nominal, defects = dict.fromkeys(NOMINAL, NAN), kind.lacks(columns)
     for name in NOMINAL:
         values = columns.get(name, np.full(1, NAN))
@@ -441,7 +412,7 @@ def _record(
         changed = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
         if changed.size:
             defects.append(f"{name} changes within the run from {first:g} to {changed[0]:g}")
-    T_0 = nominal["initial_tension_N"]
+    T_0, belt_speed = nominal["initial_tension_N"], 0.0
     run = RunReduction(
         run=label,
         arc_deg=nominal["arc_deg"],
@@ -452,18 +423,19 @@ def _record(
     )
     if drag is not None and kind.has_torque:
         run.drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-    tight, slack = kind.tensions(columns, run.arc_deg, R, drag)
-    record = RunRecord(
+    if kind.running:
+        belt_speed = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
+        # the momentum of the belt does not load the axis
+        mass = 0.0 if kind.measures == "torque_hub" else kind.mass_per_length_kg_m
+        run.momentum_N = mass * belt_speed**2
+    n = columns["time_s"].size
+    return RunRecord(
         time_s=columns["time_s"],
-        tension_tight_N=tight,
-        tension_slack_N=slack,
-        pulley_speed_rad_s=kind.relative_speed(columns, R),
-        temperature_degC=columns.get("temperature_degC"),
+        tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R, drag)),
+        speed=kind.relative_speed(columns, R),
+        temperature=columns.get("temperature_degC", np.full(n, NAN)),
         defect="; ".join(defects) or arc_problem(run.arc_deg),
         kind=kind,
         result=run,
+        belt_speed_m_s=belt_speed,
     )
-    if kind.running:
-        record.belt_speed_m_s = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
-        run.momentum_N = float(kind.momentum_N(record.belt_speed_m_s))
-    return record

@@ -27,13 +27,19 @@ from beltid.identify.estimators import (
 
 Array = NDArray[np.float64]
 
-CycleChoice = Literal["last", "first", "all"]
+CYCLES = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}
 
 MIN_SAMPLES = 20  # minimum number of usable samples of a test
 SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
 MIN_FORCE_OVER_NOISE = 10.0  # rise of the force over its noise that proves contact
+CONTACT_SHARE = 0.01
+"""Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
+one and the belt may stick to the plate or stay compressed."""
+MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
+MOST_NODES = 40  # per curve
+TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 COLUMNS = ("displacement_mm", "force_N", "temperature_degC")
 
 
@@ -45,7 +51,9 @@ class StiffnessSettings:
     reference_temperature_degC: float = 22.0  # for the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
     """Deflection of the press itself per force, included in the crosshead travel."""
-    cycles: CycleChoice = "last"  # cycles of a test to use; the first is virgin rubber
+    cycles: Literal["last", "first", "all"] = (
+        "last"  # cycles of a test to use; the first is virgin rubber
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +63,6 @@ class PressCycle:
     number: int  # from 1
     loading: slice
     unloading: slice
-    peak_force_N: float
     complete: bool  # whether the belt was unloaded
 
 
@@ -69,11 +76,11 @@ class PressTest:
     force_N: Array  # compressive, zero of the load cell subtracted
     travel_sign: float  # -1 if the recorded travel falls in compression, else 1
     force_noise_N: float  # standard deviation of the white noise
-    zero_u_N: float  # standard uncertainty of the zero, half of its drift during the test included
+    zero_u_N_m: float  # standard uncertainty of the zero over the length, with half of its drift
     n_missing: int
     n_spikes: int
     notes: tuple[str, ...]  # changes to the data, for the user
-    cycles: tuple[PressCycle, ...]  # in time order
+    cycles: Sequence[PressCycle]  # those to use, in time order
 
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
@@ -115,6 +122,12 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
     )
+    cycles = find_cycles(travel, force)
+    complete = [cycle for cycle in cycles if cycle.complete]
+    kept = (complete or cycles)[CYCLES[settings.cycles]]
+    numbers = ", ".join(str(cycle.number) for cycle in kept)
+    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
+    changes += (not complete, "never unloaded"), (len(cycles) > 1, of_cycles)
     temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
         label=label,
@@ -123,11 +136,11 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         force_N=force,
         travel_sign=travel_sign,
         force_noise_N=noise,
-        zero_u_N=math.hypot(zero_se, 0.5 * drift),
+        zero_u_N_m=math.hypot(zero_se, 0.5 * drift) / settings.segment_length_m,
         n_missing=int(missing.sum()),
         n_spikes=int(spikes.sum()),
         notes=tuple(text for applies, text in changes if applies),
-        cycles=find_cycles(travel, force),
+        cycles=kept,
     )
 
 
@@ -241,7 +254,7 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     return np.array([*start, *turns, end], dtype=np.intp)
 
 
-def find_cycles(travel: Array, force: Array) -> tuple[PressCycle, ...]:
+def find_cycles(travel: Array, force: Array) -> list[PressCycle]:
     """Split a test into cycles at the reversals of the crosshead, in time order.
 
     Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
@@ -260,32 +273,10 @@ def find_cycles(travel: Array, force: Array) -> tuple[PressCycle, ...]:
             continue
         loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
         complete = stop > peak and float(np.min(force[unloading])) < 0.5 * top
-        cycles.append(PressCycle(len(cycles) + 1, loading, unloading, top, complete))
+        cycles.append(PressCycle(len(cycles) + 1, loading, unloading, complete))
     if not cycles:
         raise InputError("no loading found: the crosshead never moves into the belt")
-    return tuple(cycles)
-
-
-def choose_cycles(
-    cycles: tuple[PressCycle, ...], choice: CycleChoice
-) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
-    """Select the cycles of a test for the fit, with notes for the user."""
-    selection = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
-    complete = tuple(c for c in cycles if c.complete)
-    kept = (complete or cycles)[selection]
-    notes = [] if complete else ["never unloaded"]
-    if len(cycles) > 1:
-        numbers = ", ".join(str(c.number) for c in kept)
-        notes.append(f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}")
-    return kept, tuple(notes)
-
-
-CONTACT_SHARE = 0.01
-"""Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
-one and the belt may stick to the plate or stay compressed."""
-MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
-MOST_NODES = 40  # per curve
-TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
+    return cycles
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,11 +286,6 @@ class BranchSamples:
     name: str
     position_m: Array
     force_N_m: Array
-
-    def within(self, low: float, high: float) -> BranchSamples:
-        """Return the samples between two positions [m]."""
-        inside = (self.position_m >= low) & (self.position_m <= high)
-        return BranchSamples(self.name, self.position_m[inside], self.force_N_m[inside])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,7 +302,6 @@ class PressCurve:
     touch_m: float  # position where the loading branch begins to carry force
     top_position_m: float  # largest position in the cycle
     top_force_N_m: float
-    zero_u_N_m: float  # standard uncertainty of the zero of the load cell
 
     @property
     def test(self) -> str:
@@ -361,17 +346,16 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     labels = np.asarray(press["test"]).astype(str)
     unknown = {"temperature_degC": np.full(labels.size, np.nan)}
     columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
-    curves, notes, set_aside = list[PressCurve](), list[str](), list[tuple[str, str]]()
+    curves, set_aside = list[PressCurve](), list[tuple[str, str]]()
     for label in dict.fromkeys(labels.tolist()):
         part = {name: values[labels == label] for name, values in columns.items()}
         try:
             test = prepare_test(label, part, settings)
-            chosen, cycle_notes = choose_cycles(test.cycles, settings.cycles)
-            curves += [press_curve(test, c, settings.segment_length_m) for c in chosen]
+            curves += [press_curve(test, c, settings.segment_length_m) for c in test.cycles]
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
-            continue
-        notes += [f"test {label}: {text}" for text in (*test.notes, *cycle_notes)]
+    tests = {c.test: c.recorded for c in curves}.values()
+    notes = [f"test {test.label}: {text}" for test in tests for text in test.notes]
     if unloading := [c for c in curves if c.unloads]:
         loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
@@ -390,18 +374,23 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
 
 def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
     """Build the curve of one cycle; `InputError` if a branch has too few samples in contact."""
-    parts = {"loading": cycle.loading, "unloading": cycle.unloading}
-    if not cycle.complete:
-        del parts["unloading"]
+    slices = (cycle.loading, cycle.unloading)[: 2 if cycle.complete else 1]
     force = test.force_N / segment_length_m
-    branches = tuple(BranchSamples(n, test.position_m[p], force[p]) for n, p in parts.items())
-    least = max(CONTACT_SHARE * cycle.peak_force_N, 6.0 * test.force_noise_N)
-    threshold = least / segment_length_m
+    branches = [
+        BranchSamples(name, test.position_m[part], force[part])
+        for name, part in zip(("loading", "unloading"), slices, strict=False)
+    ]
+    peak_N = float(np.max(test.force_N[cycle.loading.start : cycle.unloading.stop]))
+    threshold = max(CONTACT_SHARE * peak_N, 6.0 * test.force_noise_N) / segment_length_m
     # stay five standard deviations off the ends, where noise decides which samples belong
     noise_m = difference_sigma(test.position_m, 2)
     low = max(_contact_begin(b, threshold) for b in branches) + 5.0 * noise_m
     high = min(_steady_max(b.position_m) for b in branches) - 5.0 * noise_m
-    fitted = tuple(b.within(low, high) for b in branches)
+    inside = [(b.position_m >= low) & (b.position_m <= high) for b in branches]
+    fitted = [
+        BranchSamples(b.name, b.position_m[of], b.force_N_m[of])
+        for b, of in zip(branches, inside, strict=True)
+    ]
     fewest = min(b.position_m.size for b in fitted)
     if fewest < MIN_BRANCH_SAMPLES:
         counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)
@@ -418,12 +407,11 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         position_m=0.5 * (edges[1:] + edges[:-1]),
         middle_N_m=np.mean(levels, axis=0),
         turn_N_m=_turns(levels, bool(np.min(branches[0].force_N_m) >= threshold)),
-        branches=branches,
-        fitted=fitted,
+        branches=tuple(branches),
+        fitted=tuple(fitted),
         touch_m=_contact_begin(branches[0], threshold),
         top_position_m=max(_steady_max(b.position_m) for b in branches),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
-        zero_u_N_m=test.zero_u_N / segment_length_m,
     )
 
 

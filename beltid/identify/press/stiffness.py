@@ -59,6 +59,13 @@ LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the lar
 LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
 
 
+SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
+RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
+CLEAR = 2.6  # standard errors beyond which a slope is significant
+DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
+LINE_FORCE_N_M = (1.0e2, 1.0e6)
+
+
 @dataclass(frozen=True, slots=True)
 class LawEstimate:
     """Normal law with its uncertainty, per metre of belt: one row of the stiffness table."""
@@ -114,7 +121,9 @@ class _Scaled:
         self.x = padded((c.position_m - c.touch_m) / self.span for c in curves)
         self.f = padded(c.middle_N_m / top for c in curves)
         self.turn = padded(c.turn_N_m / top for c in curves)  # what a reversal may add
-        self.zero = np.array([[c.zero_u_N_m / top] for c in curves])  # uncertainties (R, 1)
+        self.zero = np.array(
+            [[c.recorded.zero_u_N_m / top] for c in curves]
+        )  # uncertainties (R, 1)
         warmer = [[c.recorded.temperature_degC - reference_degC] for c in curves]
         self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
@@ -319,13 +328,6 @@ def _held_note(held: int, largest: float) -> str:
     return text
 
 
-SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
-RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
-CLEAR = 2.6  # standard errors beyond which a slope is significant
-DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
-LINE_FORCE_N_M = (1.0e2, 1.0e6)
-
-
 @dataclass(frozen=True, slots=True)
 class StiffnessResult:
     """Results of a press recording."""
@@ -339,21 +341,10 @@ class StiffnessResult:
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
-    """Identify the quadratic normal law from a press recording.
+    """Identify the quadratic normal law from a press recording, see :func:`read_recording`.
 
-    Parameters
-    ----------
-    press : mapping of str to ndarray
-        Columns as for :func:`~beltid.identify.press.recording.read_recording`.
-    settings : StiffnessSettings
-        Segment length, reference temperature, machine compliance, cycles to use.
-
-    Raises
-    ------
-    InputError
-        If no test can be used (no contact, too few samples, ...).
-    NumericsError
-        If no law with ``k >= 0`` describes the curves, or the fit does not converge.
+    Raises `InputError` if no test can be used, and `NumericsError` if no law with ``k >= 0``
+    describes the curves, or the fit does not converge.
     """
     recording = read_recording(press, settings)
     groups = _group_by_temperature(recording.curves)

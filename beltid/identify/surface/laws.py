@@ -14,7 +14,6 @@ laws are ranked by their evidence.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -130,32 +129,22 @@ def fit_friction_laws(
     mu: ArrayLike,
     factor: ArrayLike | None = None,
 ) -> FrictionLaws:
-    """Fit the parametric friction laws to points (f, v, mu).
+    """Fit the parametric friction laws to points: f [N/m], v [m/s] and mu [-], (n,) each.
 
-    The reference force f0 is the geometric mean of the forces, rounded to two digits, so that mu0
-    and a are nearly uncorrelated.
-
-    Parameters
-    ----------
-    normal_force_N_m, slip_speed_m_s, mu : array_like
-        Points, shape (n,): force per length of belt [N/m], sliding speed [m/s], friction
-        coefficient [-], all > 0.
-    factor : array_like, optional
-        Factor S of the covariance ``S S'`` of ln mu, shape (n, r); zero by default.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two points, or a value is not > 0.
-    NumericsError
-        If no law could be fitted.
+    The covariance of ln mu is S S' with the factor S (n, r); zero by default. The reference force
+    f0 is the geometric mean of the forces, rounded to two digits, so that mu0 and a are nearly
+    uncorrelated. Raises `InputError` for fewer than two points or a value not > 0, `NumericsError`
+    if no law could be fitted.
     """
     f, v, mu = (np.asarray(x, dtype=float).ravel() for x in (normal_force_N_m, slip_speed_m_s, mu))
     if f.size < 2 or not all(np.all((x > 0.0) & (x < np.inf)) for x in (f, v, mu)):
         raise InputError("friction laws: at least 2 points with numbers > 0 are needed")
     fits, notes = [], []
+    speeds = int(settings_of(v, SPEED_GAP).max()) + 1
+    one_force = f.max() <= (1.0 + FORCE_SPREAD) * f.min()
     for law in FRICTION_LAWS.values():
-        if _determined(law, f, v):
+        few = f.size < len(law.parameters) or speeds < law.speeds_needed
+        if not (few or ("a" in law.parameters and one_force)):
             try:
                 fits.append(_fitted(law, f, v, mu, factor))
             except (NumericsError, np.linalg.LinAlgError) as error:
@@ -167,25 +156,6 @@ def fit_friction_laws(
     return FrictionLaws(tuple(ranked), tuple(notes))
 
 
-def _determined(law: FrictionLaw, f: Array, v: Array) -> bool:
-    """Return whether points are numerous and varied enough for the parameters of a law."""
-    speeds = int(settings_of(v, SPEED_GAP).max()) + 1
-    one_force = f.max() <= (1.0 + FORCE_SPREAD) * f.min()
-    return (
-        f.size >= len(law.parameters)
-        and speeds >= law.speeds_needed
-        and not ("a" in law.parameters and one_force)
-    )
-
-
-def _priors(law: FrictionLaw, v: Array, mu: Array) -> Mapping[str, tuple[float, float]]:
-    """Return mean and standard deviation of each parameter; of a speed scale, of its logarithm."""
-    level = float(np.mean(mu))
-    scale = float(np.mean(np.log(v))), math.log(10.0) + float(np.ptp(np.log(v)))
-    known = {"a": (0.0, 1.0), "b": (0.0, 4.0), "c": (0.0, 2.0 * level / float(v.max()))}
-    return {n: known.get(n, scale if n == law.scale else (level, level)) for n in law.parameters}
-
-
 def _fitted(
     law: FrictionLaw, f: Array, v: Array, mu: Array, factor: ArrayLike | None
 ) -> FrictionLawFit:
@@ -193,7 +163,11 @@ def _fitted(
     # the geometric mean of the forces, to two digits
     f0, names = float(f"{np.exp(np.mean(np.log(f))):.2g}"), list(law.parameters)
     at = [k for k, name in enumerate(names) if name == law.scale]
-    before, width = np.array(list(_priors(law, v, mu).values())).T
+    # mean and standard deviation of the parameters; of a speed scale, of its logarithm
+    level, span = float(np.mean(mu)), float(np.ptp(np.log(v)))
+    priors = {"a": (0.0, 1.0), "b": (0.0, 4.0), "c": (0.0, 2.0 * level / float(v.max()))}
+    priors[law.scale or "scale"] = float(np.mean(np.log(v))), math.log(10.0) + span
+    before, width = np.array([priors.get(name, (level, level)) for name in names]).T
     S = np.zeros((f.size, 1)) if factor is None else np.asarray(factor, dtype=float)
     x = np.column_stack([np.log(f), np.log(v)])
     apart = np.linalg.norm(x[:, None] - x, axis=-1)

@@ -50,6 +50,17 @@ ARC_GAP = 1e-3  # relative; arcs are nominal settings and differ only by roundin
 MAX_SPEED_SPREAD = 1.25  # largest ratio of highest to lowest speed within one setting
 ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all arcs and speeds
 MIN_RANGE = 0.02  # relative; a shorter range of forces does not count
+MIN_NODE_GAP = 0.3  # of the usual gap; noise at closer force nodes causes steep slopes
+WORTH_A_NOTE = 5e-3  # relative; smaller changes are comparable to the speed error of motors
+SPEED_STEP = 0.18  # spacing of the speeds [ln v]
+FEWEST_RUNS = 4  # of a bilinear surface
+SPLINES = 7  # along each of ln f and ln v
+BEND, ARC_EFFECT, SCATTER, LARGEST = 0.02, 0.007, 0.001, 1.0
+"""Usual second difference of ln mu between splines, difference between arcs, scatter of runs; and
+the largest of each."""
+FLAT = 1e-6  # precision of what has no second difference, over that of a second difference
+ROUNDING = 1e-5  # of ln mu
+COLUMNS = "arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu", "mu_se", "n_arcs", "mu_spread"
 EDGE = 1e-9  # relative tolerance: a point at the end of a curve or surface lies on it
 
 
@@ -114,27 +125,15 @@ class Curve:
         return np.asarray((weights * np.square(self.se / self.mu)) @ weights.T)
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Curves of a campaign: a row of arcs for each speed."""
-
-    by_speed: tuple[tuple[Curve, ...], ...]  # at each speed, ascending, in the order of the arcs
-    force: tuple[float, float]  # first and last that some arc covers at every speed [N/m]
-    notes: tuple[str, ...] = ()  # runs that were averaged
-
-    @property
-    def speeds(self) -> Array:
-        """Speed settings [m/s], ascending, (nv,)."""
-        return np.array([curves[0].speed for curves in self.by_speed])
-
-    @property
-    def arcs_deg(self) -> Array:
-        """Contact arcs, ascending, (na,)."""
-        return np.array([curve.arc_deg for curve in self.by_speed[0]])
+Rows = Sequence[Sequence[Curve]]  # at each speed, ascending, the curves in the order of the arcs
+Range = tuple[float, float]  # first and last force that some arc covers at every speed [N/m]
 
 
-def grid_of(points: Points) -> Grid | None:
-    """Group points into curves at the common speed of their setting; None if they are no grid."""
+def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
+    """Group points into curves at the common speed of their setting; None if they are no grid.
+
+    Returns the curves, their common range, and notes on runs that were averaged.
+    """
     at_speed, at_arc = settings_of(points.v, SPEED_GAP), points.arc_label
     n_speeds, n_arcs = int(at_speed.max()) + 1, int(at_arc.max()) + 1
     groups = [points.v[at_speed == k] for k in range(n_speeds)]
@@ -157,12 +156,12 @@ def grid_of(points: Points) -> Grid | None:
                     f"arc {arc:g}°, {speed:.4g} m/s: {repeated} runs repeat the force of another "
                     "and were averaged with it"
                 )
-        rows.append(tuple(row))
+        rows.append(row)
     force = _common_range(rows)
-    return None if force is None else Grid(tuple(rows), force, tuple(notes))
+    return None if force is None else (rows, force, notes)
 
 
-def _common_range(rows: Sequence[tuple[Curve, ...]]) -> tuple[float, float] | None:
+def _common_range(rows: Rows) -> Range | None:
     """Find the first and last force that some arc covers at every speed; None without a range."""
     curves = [curve for row in rows for curve in row]
     ends = np.unique([curve.f[[0, -1]] for curve in curves])
@@ -207,10 +206,6 @@ def _at_common_speed(
     return replace(points, mu=points.mu * factor, se=points.se * factor)
 
 
-MIN_NODE_GAP = 0.3  # of the usual gap; noise at closer force nodes causes steep slopes
-WORTH_A_NOTE = 5e-3  # relative; smaller changes are comparable to the speed error of motors
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceGrid:
     """Friction surface on its grid, of one arc or averaged; values at the nodes (nf, nv)."""
@@ -229,18 +224,18 @@ class SurfaceGrid:
         return FrictionSurface(self.normal_force_N_m, self.slip_speed_m_s, self.mu, self.mu_se)
 
 
-def average(grid: Grid, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...]]:
+def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, list[str]]:
     """Build the surface through the mean of all arcs of a grid, or through its only arc.
 
-    The notes name repetitions, arcs that never overlap, and limited nodes. `errors_known` says
-    whether the standard errors of the points are.
+    The notes name arcs that never overlap, and limited nodes. `errors_known` says whether the
+    standard errors of the points are.
     """
-    nodes, notes = _force_nodes(grid), list(grid.notes)
-    mu, filled = (np.array(x).transpose(1, 2, 0) for x in _on_nodes(grid, nodes))
+    nodes, arcs_deg, notes = _force_nodes(rows, force), [c.arc_deg for c in rows[0]], list[str]()
+    mu, filled = (np.array(x).transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
     unlimited = np.nanmean(filled, axis=0)
-    bands = np.array([[curve.band for curve in row] for row in grid.by_speed])
+    bands = np.array([[curve.band for curve in row] for row in rows])
     mean = np.clip(unlimited, bands[..., 0].min(axis=1), bands[..., 1].max(axis=1))
     change = np.abs(mean / unlimited - 1.0)
     if np.any(change > WORTH_A_NOTE):
@@ -251,7 +246,7 @@ def average(grid: Grid, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...
         )
     n_arcs = np.isfinite(mu).sum(axis=0)
     sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
-    from_runs = [_run_covariance(row, nodes) for row in grid.by_speed]
+    from_runs = [_run_covariance(row, nodes) for row in rows]
     own = np.sqrt(np.array([np.diag(C) for C in from_runs]).T)
     between = _between_arcs(own * mean, mean, sd, n_arcs)
     factor = np.zeros((*mean.shape, mean.size + 1))
@@ -260,33 +255,32 @@ def average(grid: Grid, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...
         columns = vectors * np.sqrt(np.maximum(values, 0.0))
         factor[:, k, k * nodes.size : (k + 1) * nodes.size] = columns
     factor[..., -1] = between
-    known = errors_known or grid.arcs_deg.size > 1
-    mu_se = mean * np.hypot(own, between) if known else np.full(mean.shape, np.nan)
-    arc_deg = float(grid.arcs_deg[0]) if grid.arcs_deg.size == 1 else float("nan")
+    several = len(arcs_deg) > 1
+    mu_se = mean * (np.hypot(own, between) if errors_known or several else np.nan)
+    arc_deg, speeds = np.nan if several else arcs_deg[0], np.array([row[0].speed for row in rows])
     factor = factor[..., np.any(factor, axis=(0, 1))]
-    speeds = grid.speeds
-    return SurfaceGrid(arc_deg, nodes, speeds, mean, mu_se, n_arcs, sd, factor), tuple(notes)
+    return SurfaceGrid(arc_deg, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
 
 
-def _force_nodes(grid: Grid) -> Array:
+def _force_nodes(rows: Rows, force: Range) -> Array:
     """Place force nodes over the range that every speed covers, where the points are [N/m]."""
-    first, last = np.log(grid.force)
+    first, last = np.log(force)
     if first == last:
-        return np.array([grid.force[0]])
-    curves = [curve for row in grid.by_speed for curve in row]
+        return np.array([force[0]])
+    curves = [curve for row in rows for curve in row]
     count = max(curve.f.size for curve in curves)
     pooled = np.sort(np.log(np.concatenate([curve.f for curve in curves])))
     centres = np.array([group.mean() for group in np.array_split(pooled, count)])
     gap = MIN_NODE_GAP * float(np.median(np.diff(centres)))
     # the ends of the range replace the outermost centres
     inner = [x for x in centres[1:-1] if first + gap < x < last - gap]
-    return np.array([grid.force[0], *np.exp(inner), grid.force[1]])
+    return np.array([force[0], *np.exp(inner), force[1]])
 
 
-def _on_nodes(grid: Grid, nodes: Array) -> tuple[list[Array], list[Array]]:
+def _on_nodes(rows: Rows, nodes: Array) -> tuple[list[Array], list[Array]]:
     """Return measured and continued values at the nodes, (na, nf) for each speed."""
     measured, continued = [], []
-    for row in grid.by_speed:
+    for row in rows:
         if nodes.size == 1:  # one tension
             measured.append(np.array([curve.mu for curve in row]))
             continued.append(measured[-1])
@@ -342,19 +336,6 @@ def _between_arcs(own: Array, mean: Array, sd: Array, n_arcs: NDArray[np.int64])
     return np.asarray(np.sqrt(tau2[nearest][:, None] / n_arcs))
 
 
-SPEED_STEP = 0.18  # spacing of the speeds [ln v]
-FEWEST_RUNS = 4  # of a bilinear surface
-SPLINES = 7  # along each of ln f and ln v
-BEND, ARC_EFFECT, SCATTER, LARGEST = 0.02, 0.007, 0.001, 1.0
-"""Usual second difference of ln mu between splines, difference between arcs, scatter of runs; and
-the largest of each."""
-FLAT = 1e-6  # precision of what has no second difference, over that of a second difference
-ROUNDING = 1e-5  # of ln mu
-
-
-COLUMNS = "arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu", "mu_se", "n_arcs", "mu_spread"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceResult:
     """Friction surfaces of a campaign."""
@@ -396,58 +377,43 @@ def build_surface(
     mu: ArrayLike,
     mu_se: ArrayLike | None = None,
 ) -> SurfaceResult:
-    """Build the friction surface of each arc and the averaged one.
+    """Build the friction surface of each arc and the averaged one; arrays of runs, (n,).
 
-    Parameters
-    ----------
-    arc_deg : array_like (n,)
-        Contact arc of each run [deg].
-    normal_force_N_m : array_like (n,)
-        Mean normal force per length, Eq. (8) [N/m].
-    slip_speed_m_s : array_like (n,)
-        Measured sliding speed [m/s]; its sign does not matter.
-    mu, mu_se : array_like (n,)
-        Sliding friction coefficient, Eq. (6), and its standard error [-]. The median of the others
-        replaces an error that is nan.
-
-    Raises
-    ------
-    InputError
-        If no surface can be built from the points.
+    From contact arcs [deg], mean normal forces per length, Eq. (8) [N/m], sliding speeds [m/s] of
+    either sign, and friction coefficients, Eq. (6), with their standard errors [-]; the median of
+    the others replaces an error that is nan. Raises `InputError` if no surface can be built.
     """
-    columns = {
-        "arc_deg": np.asarray(arc_deg, dtype=float),
-        "normal_force_N_m": np.asarray(normal_force_N_m, dtype=float),
-        "slip_speed_m_s": np.abs(np.asarray(slip_speed_m_s, dtype=float)),
-        "mu": np.asarray(mu, dtype=float),
-    }
+    given = (np.asarray(x, float) for x in (arc_deg, normal_force_N_m, slip_speed_m_s, mu))
+    columns = dict(zip(COLUMNS, given, strict=False))
+    columns["slip_speed_m_s"] = np.abs(columns["slip_speed_m_s"])
     points, set_aside, notes, errors_known = _valid_points(columns, mu_se)
     grid, grid_notes = grid_through(points, errors_known)
     notes += grid_notes
     arcs, curves = [], grid_of(points)
-    for of_speeds in zip(*curves.by_speed, strict=True) if curves else ():
-        rows = tuple((curve,) for curve in of_speeds)
-        force, arc = _common_range(rows), of_speeds[0].arc_deg
-        if force is None:
-            notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
+    for of_speeds in zip(*curves[0], strict=True) if curves else ():
+        rows = [[curve] for curve in of_speeds]
+        if force := _common_range(rows):
+            arcs.append(average(rows, force, errors_known)[0])
         else:
-            arcs.append(average(Grid(rows, force), errors_known)[0])
+            arc = of_speeds[0].arc_deg
+            notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
     notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
     return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
 
 
-def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, tuple[str, ...]]:
+def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, list[str]]:
     """Return the averaged surface through points, with notes: of a grid, or of scattered runs.
 
     Raises `InputError` if there are too few points.
     """
     curves = grid_of(points)
-    if curves is not None:
-        return average(curves, errors_known)
-    grid, note = scattered_grid(points)
-    return grid, (note,)
+    if curves is None:
+        grid, note = scattered_grid(points)
+        return grid, [note]
+    grid, notes = average(*curves[:2], errors_known)
+    return grid, [*curves[2], *notes]
 
 
 def _valid_points(
@@ -486,14 +452,13 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 
     Raises `InputError` if a column or the average is missing, or its rows form no complete grid.
     """
-    required = COLUMNS[:4]
-    missing = [f"surface: column {name} is missing" for name in required if name not in columns]
+    missing = [f"surface: column {name} is missing" for name in COLUMNS[:4] if name not in columns]
     if missing:
         raise InputError(missing)
     rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
     if not rows.any():
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
-    names = (*required[1:], "mu_se") if "mu_se" in columns else required[1:]
+    names = COLUMNS[1 : 5 if "mu_se" in columns else 4]
     f, v, *values = (np.asarray(columns[name], dtype=float)[rows] for name in names)
     forces, speeds = np.unique(f), np.unique(v)
     shape = forces.size, speeds.size
