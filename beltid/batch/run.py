@@ -256,10 +256,10 @@ def _compare_on_page(
         return
     on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
     try:
-        if mark_to_write(on_page, page, force=force):
+        if mark := mark_to_write(on_page, page, force=force):
             from beltid.stages.report_belt import write_page
 
-            write_page(on_page, page, force=force)
+            write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
         next(belt for belt in belts if folder / belt.name == [*shown][-1]).failed(REPORT, error)

@@ -272,8 +272,11 @@ def add_step(stage: Any) -> None:
         out = common.out or folder / stage.file_name(given)
 
         def work() -> Any:
+            from beltid.report.view import summary_of
+
             source = config_of(first, common)
-            return stage.run(source, files, out, force=common.force, **given).summary()
+            made, kept = stage.run(source, files, out, force=common.force, **given)
+            return summary_of(made, up_to_date=kept)
 
         finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
 

@@ -250,7 +250,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     file=_campaign_file,
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
-    guests=("friction",),
     finds=_friction_beside,
 )
 def simulate_recording(
@@ -473,7 +472,6 @@ def _plan_bytes(outcome: Outcome[Any]) -> bytes:
     file="plan.csv",
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction", "plan"),
-    guests=("friction",),
     writes=_plan_bytes,
 )
 def plan_runs(

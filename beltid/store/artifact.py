@@ -194,7 +194,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     stored = file.metadata.metadata or {}
     if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
-            again = _command(_kind_in(data) or kind or "")
+            again = _command(kind_in(data) or kind or "")
             raise ArtifactError(f"{path}: written by an earlier version; {again} makes it again")
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{needed}")
     text = stored[RECORD_KEY]
@@ -230,12 +230,8 @@ def may_be_artifact(path: Path) -> bool:
         return False
 
 
-def stated_kind(path: Path) -> str | None:
+def kind_in(data: bytes) -> str | None:
     """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
-    return _kind_in(path.read_bytes()) if path.is_file() else None
-
-
-def _kind_in(data: bytes) -> str | None:
     match = re.search(rb'"kind":"([a-z_]+)"', data) if b"beltid_s" in data else None
     return None if match is None else match[1].decode()
 
