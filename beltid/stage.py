@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
-Kind = str | tuple[str, ...]
-"""Kind of an input; or several, of which the file is one."""
+Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
 
 SUFFIX: Final = ".parquet"
 RECORDINGS: Final = ("press", "rig", "speedloss")
@@ -370,8 +369,7 @@ class Stage:
         return Artifact(outcome.columns, record, out, sha256(data))
 
 
-STAGES: Final[dict[str, Stage]] = {}
-"""All stages by the name of their command, in the order of the work."""
+STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work
 
 
 def stage(

@@ -29,8 +29,7 @@ NO_RECORDING: Final = "no recording"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
 REPORT: Final = "report"
 OVERRIDDEN_BY: Final = {"compare": "compare refined"}
-"""Comparison that may be out of tolerance -> comparison whose success overrides it: the bias of the
-published surface is known, the refined surface is the result."""
+"""Comparison that may be out of tolerance -> that whose success overrides it: the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +71,8 @@ CHAIN: Final = (
     Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, "drive"),
     Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, "drive"),
 )
-"""The published procedure and the surface refined by the inverse solution, both compared with the
-bench; prediction of left-out runs by a surface refined from the others; and the drive of the
-speed-loss recording, if the config states one."""
+"""The published procedure and the refined surface, both compared with the bench; prediction of runs
+left out; and the drive of the speed-loss recording, if the config states one."""
 
 OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 """Steps that need no simulated rig; a running belt has none."""
@@ -88,8 +86,7 @@ class Belt:
     states: dict[str, str] = field(default_factory=dict)
     lacking: tuple[str, ...] = ()  # recordings that the chain can use but the config does not name
     facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # of the steps with a result
-    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-    """Exit status and problems of the steps that have any."""
+    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)  # of the steps
     origins: list[str | None] = field(default_factory=list)
     made: list[str] = field(default_factory=list)  # files that exist, recordings among them
     new: bool = False  # whether anything was computed

@@ -46,6 +46,7 @@ FIRST: Final = {
 }
 """Commands that are no steps, in the order of the help."""
 SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
+VERSION_HELP: Final = "Show the version and exit; with -v, those of all libraries."
 SHORT: Final = {
     "jobs": "-j",
     "dry_run": "-n",
@@ -61,25 +62,6 @@ FILES: Final = (
     "or a zip file with a file per run"
 )
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
-
-
-def show_version(context: typer.Context, wanted: bool) -> None:
-    """Print the version and exit, if requested; with --verbose, those of all libraries too."""
-    if not wanted:
-        return
-    typer.echo(f"beltid {__version__}")
-    if context.params["verbose"]:
-        from beltid.cli.execute import finish
-        from beltid.stages.about import program
-
-        finish(program, Common(verbose=True), None)
-    raise typer.Exit
-
-
-def version_option(**about: Any) -> Any:
-    """Return the option --version."""
-    text = "Show the version and exit; with -v, those of all libraries."
-    return typer.Option("--version", callback=show_version, help=text, **about)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +107,18 @@ def config_of(file: Path | None, common: Common) -> Any:
 
 class InOrder(TyperGroup):
     """Command group that makes a command when it is called: making all takes half of the help."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Show the version if it is asked for, before or after a command."""
+        if "--version" in args:
+            typer.echo(f"beltid {__version__}")
+            if {"-v", "--verbose"} & set(args):
+                from beltid.cli.execute import finish
+                from beltid.stages.about import program
+
+                finish(program, Common(verbose=True), None)
+            raise typer.Exit
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands in the order of the help."""
@@ -220,18 +214,13 @@ def register(
     """Register a function as a command with a help text; its ``common`` are the common options."""
     told, shared = _common(), list[inspect.Parameter]()
     for p in inspect.signature(Common, eval_str=True).parameters.values():
-        # eager: --version, wherever it stands, must know it
-        about: dict[str, Any] = {"hidden": True, "is_eager": p.name == "verbose"}
-        if p.name == "out" and out:
-            kind, _, meaning = out.partition(": ")
-            told["out"], about = (kind, meaning), {}
-        shared.append(parameter(p.replace(kind=KEYWORD), *told[p.name], **about))
-    names = [p.name for p in shared]
-    hidden = Annotated[bool, version_option(hidden=True)]
-    shared.append(inspect.Parameter("version", KEYWORD, default=False, annotation=hidden))
+        own = p.name == "out" and out
+        kind, meaning = out.split(": ", 1) if own else told[p.name]
+        shared.append(parameter(p.replace(kind=KEYWORD), kind, meaning, hidden=not own))
 
-    def called(*args: Any, version: bool, **values: Any) -> None:
-        run(*args, common=Common(**{name: values.pop(name) for name in names}), **values)
+    def called(*args: Any, **values: Any) -> None:
+        common = Common(**{p.name: values.pop(p.name) for p in shared})
+        run(*args, common=common, **values)
 
     signature = inspect.Signature([*parameters, *shared])
     called.__signature__ = signature  # type: ignore[attr-defined]
@@ -346,14 +335,8 @@ def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
 
 
 @app.callback()
-def _top(
-    version: Annotated[bool, version_option()] = False,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", is_eager=True, help="With --version: everything.")
-    ] = False,
-) -> None:
-    if verbose:
-        raise typer.BadParameter("-v stands after the command, or beside --version")
+def _top(version: Annotated[bool, typer.Option("--version", help=VERSION_HELP)] = False) -> None:
+    """Declare for the help what the group does."""
 
 
 def main() -> None:

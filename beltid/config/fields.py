@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
@@ -25,14 +24,6 @@ SI: Final[dict[str, tuple[str, Callable[[float], float]]]] = {
 """Unit suffix of a key -> that of the SI unit, conversion; the first that fits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
-    """What a key means, and its check."""
-
-    meaning: str = ""
-    check: Check = anything
-
-
 class Section(BaseModel):
     """A closed, frozen section of the config."""
 
@@ -44,7 +35,7 @@ class Section(BaseModel):
         """Check a value as its key declares; null only where it is the default."""
         name = str(info.field_name)
         unstated = value is None and cls.model_fields[name].default is None
-        return None if unstated else key_of(cls, name).check(value)
+        return None if unstated else check_of(cls, name)(value)
 
     def si(self) -> dict[str, Any]:
         """Return the values in SI units: ``segment_length_cm`` as ``segment_length_m``."""
@@ -65,7 +56,7 @@ class Section(BaseModel):
 def key(default: Any, meaning: str, check: Check = anything) -> Any:
     """Declare a key; without a check its type says all, as that of a choice of words."""
     check = flag if isinstance(default, bool) else check
-    return Field(default, json_schema_extra={"key": Key(meaning, check)})  # type: ignore[dict-item]
+    return Field(default, description=meaning, json_schema_extra={"check": check})  # type: ignore[dict-item]
 
 
 def number(default: Any, low: float, high: float, unit: str, meaning: str, **bounds: bool) -> Any:
@@ -84,16 +75,16 @@ def settings(high: float, unit: str, example: str, default: Any, meaning: str) -
     return key(default, meaning, ListOf(example, check=bounds, distinct=True))
 
 
-def key_of(section: type[Section], name: str) -> Key:
-    """Return what the field of a section declares."""
+def check_of(section: type[Section], name: str) -> Check:
+    """Return the check of a key; that of a section is its type."""
     declared: Any = section.model_fields[name].json_schema_extra
-    return declared["key"] if declared else Key()
+    return declared["check"] if declared else anything
 
 
 def allowed(section: type[Section], name: str) -> str:
     """Return what a key allows, from the check or the type that checks it."""
     field = section.model_fields[name]
-    check = key_of(section, name).check
+    check = check_of(section, name)
     text = "true | false" if check is flag else getattr(check, "allowed", "")
     text = text or (" | ".join(_words(field.annotation)) if check is anything else "")
     return f"null or {text}" if text and field.default is None else text

@@ -32,8 +32,7 @@ UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
 NEAR_DEGC: Final = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
 ROUNDING: Final = 1e-9  # relative
-NEGLIGIBLE: Final = 1e-3
-"""Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
+NEGLIGIBLE: Final = 1e-3  # relative error of a speed that changes mu by a few parts in ten thousand
 
 
 def load_law(path: str | Path) -> ContactLaw:

@@ -29,16 +29,14 @@ from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8
-Sections = dict[str, dict[str, list[str]]]
-"""Section of a config -> kind of recording -> its lines."""
+Sections = dict[str, dict[str, list[str]]]  # section of a config -> kind of recording -> lines
 SETTINGS: Final = {
     "rig.arcs_deg": ("arc_deg",),
     "rig.initial_tensions_N": ("initial_tension_N", "weight_N"),
     "rig.pulley_speeds_rad_s": ("pulley_speed_rad_s",),
 }
 """List of the config -> columns of a recording that contain it, in the order of `SAME_SETTING`."""
-MOST_SETTINGS: Final = 30
-"""Number of values above which every run is assumed to have its own setting."""
+MOST_SETTINGS: Final = 30  # number of values above which every run has its own setting
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
@@ -251,8 +249,7 @@ def _inspected(file: Path) -> Inspection:
     inspection = inspect_recording(file, Config(), guess=True)
     if not inspection.kind:
         raise InputError(
-            f"{file}: recording of an unknown bench, must be of {', '.join(KINDS)}; "
-            f"`beltid inspect {file}` shows its channels"
+            f"{file}: of an unknown bench, must be {', '.join(KINDS)}; see `beltid inspect {file}`"
         )
     for line in inspection.problems[:1]:
         more = f"`beltid inspect {file}` lists everything that must be stated"
