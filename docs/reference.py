@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from beltid.config.fields import Section, allowed, section_in
+from beltid.config.checks import Section, allowed, section_in
 from beltid.config.model import Config
 from beltid.config.writing import value_text
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS, TABLES

@@ -17,7 +17,7 @@ from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
-from beltid.config.fields import Section, count, key, number, settings
+from beltid.config.checks import Section, count, key, number, settings
 from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]

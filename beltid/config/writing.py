@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.config.fields import Section, allowed
+from beltid.config.checks import Section, allowed
 from beltid.config.loading import effective_values
 from beltid.config.model import Config
 from beltid.config.source import KeyPath, format_path

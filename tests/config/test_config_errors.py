@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from beltid.config import Config, load_config
-from beltid.config.checks import ListOf, Number
-from beltid.config.fields import Section, check_of
+from beltid.config.checks import ListOf, Number, Section, check_of
 from beltid.errors import EXIT_INPUT, ConfigError
 
 SEVERAL = """\
