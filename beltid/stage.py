@@ -315,12 +315,9 @@ class Stage:
             with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
                 existing = artifact_from_bytes(data, out, kind)
         whose = OURS if kind == self.makes else f"a {kind} artifact" if kind else FOREIGN
-        inputs = {}
-        for file in reads.values():
-            what = "recording" if file.kind in RECORDINGS else "table"
-            inputs[f"{file.kind} {what} that is read"] = file.path
-        for name, path in source.config.data.files.items():
-            inputs[f"{name} recording of the config"] = path
+        inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
+        named = source.config.data.files.items()
+        inputs |= {f"{name} recording of the config": path for name, path in named}
         owner = None if self.writes else lambda path: whose
         check_place(out, (Path(self.file_name()).suffix,), owner, inputs=inputs, force=force)
         return existing

@@ -73,7 +73,8 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
 
 def _typed(values: Any, column: Column) -> np.ndarray:
     if column.dtype == "string":
-        return np.array([None if is_missing(c) else str(c) for c in values], dtype=object)
+        texts = [c if type(c) is str else None if is_missing(c) else str(c) for c in values]
+        return np.array(texts, dtype=object)
     if column.dtype == "list":
         rows = [None if is_missing(row) else np.ravel(row) for row in values]
         length = column.length or max((len(row) for row in rows if row is not None), default=0)
