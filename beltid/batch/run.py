@@ -344,12 +344,14 @@ class Cluster(Workers):
     def __init__(self, address: str) -> None:
         try:
             from distributed import Client
+            from distributed.comm import get_address_host_port
         except ImportError:
             raise InputError(INSTALL) from None
         # its log would mix with our notes; what matters is raised as an error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.about = f"cluster {address}"
         try:
+            get_address_host_port(address)  # a client of a malformed one ends with a traceback
             self._client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=CONNECT_WITHIN_S)
         except Exception as error:  # malformed addresses, network errors, no workers
