@@ -90,6 +90,7 @@ class Belt:
     origins: list[str | None] = field(default_factory=list)
     made: list[str] = field(default_factory=list)  # files that exist, recordings among them
     new: bool = False  # whether anything was computed
+    page: OnPage | None = None  # what its report shows, if there is one
 
     def failed(self, name: str, error: BeltidError) -> None:
         """Record and log that a step failed."""
@@ -222,7 +223,7 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
         except BeltidError as error:
             belt.failed(REPORT, error)
             return
-        belt.states[REPORT] = state
+        belt.states[REPORT], belt.page = state, shown
         log.info("%s: %s, %s", REPORT, state, out)
 
 

@@ -40,7 +40,7 @@ from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError
 from beltid.notes import log, python_warnings
 from beltid.report.summary import Summary
 from beltid.stages.about import checked
-from beltid.stages.page_mark import NAME, OnPage, mark_to_write
+from beltid.stages.page_mark import NAME, mark_to_write
 from beltid.stages.workers import Result, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 from beltid.store.disk import source_sha256
@@ -101,7 +101,7 @@ def run_batch(
     by_name = {belt.name: belt for belt in ended}
     belts = [by_name[source.name] for source in sources]
     if report:
-        _compare_on_page(belts, sources, folder, force)
+        _compare_on_page(belts, folder, force)
     return _summary(belts, folder)
 
 
@@ -230,20 +230,12 @@ def _on_cluster(
             yield end.result()
 
 
-def _compare_on_page(
-    belts: Sequence[Belt], sources: Sequence[ConfigSource], folder: Path, force: bool
-) -> None:
+def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
     """Write the page that compares the belts."""
-    shown = {
-        (place := folder / belt.name): OnPage(
-            place, source.config.data.files, belt.made, belt.failures
-        )
-        for belt, source in zip(belts, sources, strict=True)
-        if belt.states.get(REPORT, FAILED) != FAILED
-    }
-    if len(shown) < 2:
+    on_page, page = [belt.page for belt in belts if belt.page], folder / NAME
+    if len(on_page) < 2:
         return
-    on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
+    on_page.sort(key=lambda shown: shown.folder)
     try:
         if mark := mark_to_write(on_page, page, force=force):
             from beltid.stages.report_belt import write_page
@@ -251,7 +243,7 @@ def _compare_on_page(
             write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
-        next(belt for belt in belts if folder / belt.name == [*shown][-1]).failed(REPORT, error)
+        next(belt for belt in reversed(belts) if belt.page).failed(REPORT, error)
 
 
 def _summary(belts: Sequence[Belt], folder: Path) -> Summary:

@@ -106,20 +106,15 @@ class RigSection(Section):
 
     @property
     def given_force(self) -> params.GivenForce:
-        """Force that stays constant while the pulley turns.
-
-        A weight fixes the tension of one span, a hub force the sum of both. Where `holds` is not
-        stated, it is the hub force if that is measured, else the stretch of the belt.
-        """
+        """Force that stays constant while the pulley turns: where it is not stated, as measured."""
         return HOLDS[self.holds or ("hub_force" if self.kind == "torque_hub" else "stretch")][0]
 
 
 class ConditionsSection(Section):
     """Conditions of the rig, passed on with the results; null: not stated.
 
-    They change no number. A column of the recording states them for each run and takes precedence.
-    Runs on different surfaces, or on different sides of the belt, are never combined into one
-    friction surface.
+    They change no number. A column of the recording takes precedence. Runs of different conditions
+    are never combined into one friction surface.
     """
 
     surface: Literal["dry", "wet", "dusty"] | None = key(None, "state of the contact surface")

@@ -238,11 +238,7 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
 
 
 def _of_all(predicted: Sequence[Predicted], labels: np.ndarray) -> RunsUncertainty:
-    """Return the uncertainty of all predicted runs; the folds may differ in their sources.
-
-    Both sides are of one bench and have the same settings: its errors are none of the difference,
-    unlike effects and an interpolation, which the predicted runs have for themselves.
-    """
+    """Return the uncertainty of all predicted runs; errors of their one bench are none of it."""
     sources, parts = dict[tuple[str, int], Source](), []
     for prediction in predicted:
         for source in prediction.part.sources:

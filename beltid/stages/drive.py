@@ -198,17 +198,13 @@ def points_of_config(config: Config) -> dict[str, DrivePoint]:
 
 
 def points_of_slip(config: Config, columns: Columns) -> dict[str, DrivePoint]:
-    """Return the operating points of a speed-loss recording, with the torque on the load pulley.
-
-    A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
-    the recording uses the other sign, and all signs are reversed.
-    """
+    """Return the operating points of a speed-loss recording, with the torque on the load pulley."""
     loaded = [pulley.name == load_pulley(config.drive) for pulley in config.drive.pulleys]
     speed, tension, torque, loss = (
         np.asarray(columns[name], dtype=float)
         for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
     )
-    braking = torque * np.sign(speed)
+    braking = torque * np.sign(speed)  # of the other sign if torques that drive lose speed
     if np.nansum(braking * loss) < 0.0:
         braking = -braking
     is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)

@@ -241,10 +241,9 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
 
 
 def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
-    """Return the records of the runs of a recording.
+    """Return the records of the runs of a recording; the simulated rig has perfect load cells.
 
-    That of the simulated rig holds the tensions of both spans from perfect load cells, for every
-    kind of bench. Only the span of a dead weight has no cell: its tension is the initial tension.
+    Only the span of a dead weight has no cell there: its tension is the initial tension.
     """
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
@@ -336,11 +335,7 @@ def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKi
 def _contradiction(
     config: Config, run: str, column: str, found: str, factor: float, meant: Sequence[str] = ()
 ) -> str:
-    """Describe what contradicts a column, with the unit that would resolve it.
-
-    `factor` would make its numbers plausible, `meant` are the units that may be meant (empty: any).
-    Empty with a calibration in the config.
-    """
+    """Describe what contradicts a column, and the unit by which `factor` makes it plausible."""
     stated, ours = config.units["rig"].get(column), table("rig").column(column).unit
     if isinstance(stated, dict):
         return ""
@@ -378,11 +373,7 @@ def _weights(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
 
 
 def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Iterator[str]:
-    """Torque over force difference is the radius.
-
-    Both ends of the belt are held: the tension at rest lies between the logarithmic mean of both
-    tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
-    """
+    """Torque over force difference is the radius, by the tension at rest of a belt held twice."""
     beside = kind.span_beside_torque
     if beside is None or kind.weight_stated:  # a weight holds no end
         return
@@ -409,7 +400,7 @@ def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
 def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
     """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
 
-    `measured_N` is the tension of one span while the belt slides, `sign` +1 for the slack one.
+    That at rest is the logarithmic mean of both (the arc alone stretches) to their mean (spans do).
     """
     y = sign * np.linspace(1e-3, 12.0, 4000)
     logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one

@@ -168,10 +168,7 @@ def planned_runs(
     friction: Columns | None = None,
     picked: Sequence[Sequence[float]] = ((), (), ()),
 ) -> tuple[PlannedRun, ...]:
-    """Return the runs to simulate, in the order of the setting lists.
-
-    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that are wanted; empty: all.
-    """
+    """Return the runs to simulate; `picked` are the wanted arcs, tensions, speeds (empty: all)."""
     measured = None if friction is None else measured_settings(friction, config)
     lists = setting_lists(config, measured)
     settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
@@ -212,10 +209,7 @@ def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list
 
 
 def measured_settings(friction: Columns, config: Config) -> np.ndarray:
-    """Return the settings of the usable runs of a bench, each combination once.
-
-    Repeated settings lose the scatter of motors and weights; distinct ones are as measured.
-    """
+    """Return the settings of the usable runs, each combination once, without small scatter."""
     settings = with_tensions(friction, config)
     rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
     rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]

@@ -186,10 +186,7 @@ def said_of_surface(
 def _friction_formulas(
     surface: FrictionSurface, factor: np.ndarray
 ) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
-    """Fit the parametric friction laws to the nodes of a surface; a failure becomes a note.
-
-    `factor` (nf, nv, r) is that of the covariance of ln mu at the nodes. Returns rows and notes.
-    """
+    """Fit parametric friction laws to the nodes, `factor` (nf, nv, r): rows of a table, notes."""
     force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
     nodes = force.ravel(), speed.ravel(), surface.mu_nodes.ravel()
     try:
@@ -337,10 +334,7 @@ def prepared_campaign(
 
 
 def rig_of_runs(columns: Columns, config: Config) -> Rig:
-    """Return the rig that the runs are simulated on.
-
-    If no tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
-    """
+    """Return the rig of the runs; without tensions at rest their sum while sliding is given."""
     if "torque_with" in columns and config.rig.kind != "torque":
         raise InputError(
             "column torque_with: the tensions were measured with a torque, and the table does not "
