@@ -307,10 +307,13 @@ class Stage:
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
         from beltid.store.artifact import artifact_from_bytes, kind_in
-        from beltid.store.disk import FOREIGN, OURS, check_place
+        from beltid.store.disk import FOREIGN, OURS, check_place, opened
 
-        data = out.read_bytes() if self.writes is None and out.is_file() else b""
-        kind, existing = kind_in(data), None
+        data, existing = b"", None
+        if self.writes is None and out.suffix == SUFFIX and out.is_file():
+            with opened(out, ArtifactError) as file:
+                data = file.read()
+        kind = kind_in(data)
         if kind == self.makes:
             with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
                 existing = artifact_from_bytes(data, out, kind)

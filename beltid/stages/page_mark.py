@@ -17,7 +17,7 @@ from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
 from beltid.store.artifact import read_artifact
-from beltid.store.disk import FOREIGN, OURS, check_place, read_bytes, sha256, source_sha256
+from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
 NAME: Final = "report.html"
 SUFFIXES: Final = (".html", ".htm")
@@ -88,7 +88,7 @@ def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
 
 def mark_of(page: Path) -> str | None:
     """Return the mark of a report page; None for any other file."""
-    with page.open("rb") as file:
+    with opened(page, ArtifactError) as file:
         match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
     return match and match[1]
 
