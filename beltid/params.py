@@ -29,10 +29,8 @@ class Belt:
 class Rig:
     """Geometry of the friction rig.
 
-    What stays constant while the pulley turns: without a given force the position of both ends, and
-    so the stress-free length; else the tension of the end that carries a dead weight and moves
-    along its span, or the sum of both tensions, by a force on the hub, which moves along the
-    bisector of the arc.
+    Without a given force both ends stay; else the tension of the end that carries a dead weight and
+    moves along its span, or the sum of both, by a force on the hub along the bisector of the arc.
     """
 
     R: float  # radius of the belt's centreline on the pulley [m]

@@ -26,12 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beltid.config import Config, ConfigSource
-    from beltid.report.summary import Summary
     from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
-Kind = str | tuple[str, ...]
-"""Kind of an input; or several, of which the file is one."""
+Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
 
 SUFFIX: Final = ".parquet"
 RECORDINGS: Final = ("press", "rig", "speedloss")
@@ -140,20 +138,6 @@ class Outcome(Generic[Result]):
 
 
 @dataclass(frozen=True, slots=True)
-class Built:
-    """An artifact that exists, and whether an earlier one from the same inputs was kept."""
-
-    artifact: Artifact
-    up_to_date: bool
-
-    def summary(self) -> Summary:
-        """Return what its user sees."""
-        from beltid.report.view import summary_of
-
-        return summary_of(self.artifact, up_to_date=self.up_to_date)
-
-
-@dataclass(frozen=True, slots=True)
 class Input:
     """A file that a stage reads: its kind, and its name in the record."""
 
@@ -161,6 +145,12 @@ class Input:
     kind: str
     name: str
     besides: list[Path]  # files among those of the path that do not belong to it
+
+    def content(self) -> str:
+        """Return the checksum of what is there now."""
+        from beltid.bench.files import content_of
+
+        return content_of(self.path, self.besides)
 
 
 @dataclass(eq=False)
@@ -173,7 +163,6 @@ class Stage:
     uses: tuple[str, ...]  # sections of the config that it reads
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""  # name of the file, or its function of the options
-    guests: tuple[str, ...] = ()  # inputs that may be of another bench
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
     """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
@@ -227,36 +216,28 @@ class Stage:
         out: Path,
         *,
         force: bool = False,
-        workers: Any = None,
         **options: Any,
-    ) -> Built:
-        """Compute from files, unless `out` was made from the same."""
-        from beltid.bench.files import content_of
+    ) -> tuple[Artifact, bool]:
+        """Compute from files, unless `out` was made from the same: the artifact, whether it was.
 
+        Options that the function does not have are left out.
+        """
         reads, planned, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
-            return Built(existing, True)
+            return existing, True
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
-        items = self._read(reads, source.config)
-        given: dict[str, Any] = {role: items.get(role) for role in self.reads}
-        given["config"] = as_measured(source.config, given.get("friction"))
-        given |= {p.name: options.get(p.name, p.default) for p in self.options}
-        if workers is not None and "workers" in self.signature.parameters:
-            given["workers"] = workers
-        outcome = self.compute(**given)
+        items, made_of = self._read(reads, planned.inputs, source.config)
+        config = as_measured(source.config, items.get("friction"))
+        known = {n: x for n, x in options.items() if n in self.signature.parameters}
+        outcome = self.compute(**{**dict.fromkeys(self.reads), **items, **known, "config": config})
         heard = [note for item in items.values() for note in getattr(item, "notes", ())]
         outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
-        changed = [
-            f"{file.path}: was changed while it was read"
-            for file in reads.values()
-            if content_of(file.path, file.besides) != planned.inputs[file.name]
-        ]
+        changed = [f for f in reads.values() if f.content() != planned.inputs[f.name]]
         if changed:
-            raise InputError(changed)
-        made_of = self._made_of(reads, items, planned, source.config)
-        made = self._write(outcome, replace(planned, **outcome.said() | made_of), out)
-        return Built(made, False)
+            raise InputError([f"{file.path}: was changed while it was read" for file in changed])
+        record = replace(planned, **outcome.said() | made_of)
+        return self._write(outcome, record, out), False
 
     def look(
         self,
@@ -282,7 +263,7 @@ class Stage:
             reads[role] = Input(given[role], kind, name, besides)
         existing = self._check_place(source, reads, out, force=force)
         kinds = [file.kind for file in reads.values()]
-        inputs = {file.name: content_of(file.path, file.besides) for file in reads.values()}
+        inputs = {file.name: file.content() for file in reads.values()}
         tables = {kind: path for kind, path in config.run_tables.items() if kind in kinds}
         inputs |= {f"{kind}_runs": content_of(path) for kind, path in tables.items()}
         settings = self._settings(config, kinds, options)
@@ -325,69 +306,56 @@ class Stage:
         self, source: ConfigSource, reads: Mapping[str, Input], out: Path, *, force: bool
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
-        from beltid.store.artifact import read_artifact, stated_kind
-        from beltid.store.disk import FOREIGN, OURS, check_place
+        from beltid.store.artifact import artifact_from_bytes, kind_in
+        from beltid.store.disk import FOREIGN, OURS, check_place, opened
 
-        existing = None
-
-        def whose(path: Path) -> str:
-            nonlocal existing
-            kind = stated_kind(path)
-            if kind != self.makes:
-                return f"a {kind} artifact" if kind else FOREIGN
+        data, existing = b"", None
+        if self.writes is None and out.suffix == SUFFIX and out.is_file():
+            with opened(out, ArtifactError) as file:
+                data = file.read()
+        kind = kind_in(data)
+        if kind == self.makes:
             with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
-                existing = read_artifact(path, kind)
-            return OURS
-
-        inputs = {}
-        for file in reads.values():
-            what = "recording" if file.kind in RECORDINGS else "table"
-            inputs[f"{file.kind} {what} that is read"] = file.path
-        for kind, path in source.config.data.files.items():
-            inputs[f"{kind} recording of the config"] = path
-        owner = whose if self.writes is None else None
+                existing = artifact_from_bytes(data, out, kind)
+        whose = OURS if kind == self.makes else f"a {kind} artifact" if kind else FOREIGN
+        inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
+        named = source.config.data.files.items()
+        inputs |= {f"{name} recording of the config": path for name, path in named}
+        owner = None if self.writes else lambda path: whose
         check_place(out, (Path(self.file_name()).suffix,), owner, inputs=inputs, force=force)
         return existing
 
-    def _read(self, reads: Mapping[str, Input], config: Config) -> dict[str, Any]:
-        """Read the inputs; refuse artifacts that do not fit together."""
-        from beltid.bench.recording import read_recording
-        from beltid.store.artifact import Artifact, read_artifact, refuse_misfits
+    def _read(
+        self, reads: Mapping[str, Input], contents: Mapping[str, str], config: Config
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Read the inputs, which must fit together; return also their origin and ancestors.
 
-        items = dict[str, Any]()
+        An input by a keyword may be of another bench.
+        """
+        from beltid.bench.recording import read_recording
+        from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
+
+        items, origins, ancestors = dict[str, Any](), list[str | None](), dict[str, str]()
         hosts, guests = list[Artifact](), list[Artifact]()
         for role, file in reads.items():
-            if file.kind in RECORDINGS:
-                items[role] = read_recording(file.path, file.kind, config)
-                what = "rows" if items[role].kind == "points" else "samples"
-                log.info("%s: %s %s", file.path, items[role].n_samples, what)
-            else:
-                items[role] = read_artifact(file.path, file.kind)
-                (guests if role in self.guests else hosts).append(items[role])
-        refuse_misfits(hosts, guests)
-        return items
-
-    def _made_of(
-        self, reads: Mapping[str, Input], items: Mapping[str, Any], planned: Record, config: Config
-    ) -> dict[str, Any]:
-        """Return origin and ancestors of what is made of some inputs."""
-        from beltid.store.artifact import Artifact, combined_origin
-
-        origins, ancestors = list[str | None](), dict[str, str]()
-        for role, item in items.items():
-            file = reads[role]
-            if isinstance(item, Artifact):
-                origins.append(item.origin)
-                ancestors |= item.record.ancestors | {item.name: item.sha256}
+            if file.kind not in RECORDINGS:
+                items[role] = found = read_artifact(file.path, file.kind)
+                is_guest = self.signature.parameters[role].kind is inspect.Parameter.KEYWORD_ONLY
+                (guests if is_guest else hosts).append(found)
+                origins.append(found.origin)
+                ancestors |= found.record.ancestors | {found.name: found.sha256}
                 continue
-            if item.is_artifact:  # a simulated recording
-                origins.append("synthetic")
-            elif file.name == file.kind:  # another bench tells nothing of this one
-                origins.append(config.data.origin)
-            if file.name in RECORDINGS:
-                ancestors[file.name] = planned.inputs[file.name]
+            items[role] = recording = read_recording(file.path, file.kind, config)
+            what = "rows" if recording.kind == "points" else "samples"
+            log.info("%s: %s %s", file.path, recording.n_samples, what)
+            is_own = file.name == file.kind  # another bench tells nothing of this one
+            if is_own or recording.is_artifact:
+                origins.append("synthetic" if recording.is_artifact else config.data.origin)
+            if is_own:
+                ancestors[file.name] = contents[file.name]
+        refuse_misfits(hosts, guests)
         origin = combined_origin(origins or [config.data.origin])
-        return {"origin": origin, "ancestors": ancestors}
+        return items, {"origin": origin, "ancestors": ancestors}
 
     def _write(self, outcome: Outcome[Any], record: Record, out: Path) -> Artifact:
         """Write the outcome; return it as read back."""
@@ -401,8 +369,7 @@ class Stage:
         return Artifact(outcome.columns, record, out, sha256(data))
 
 
-STAGES: Final[dict[str, Stage]] = {}
-"""All stages by the name of their command, in the order of the work."""
+STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work
 
 
 def stage(

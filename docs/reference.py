@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from beltid.config.fields import Section, allowed, key_of, section_in
+from beltid.config.checks import Section, allowed, section_in
 from beltid.config.model import Config
 from beltid.config.writing import value_text
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS, TABLES
@@ -76,7 +76,7 @@ def _keys(section: type[Section], above: str) -> Iterator[list[str]]:
         part = section_in(field.annotation)
         if part is not field.annotation:
             default = "required" if field.is_required() else value_text(field.default)
-            meaning = key_of(section, name).meaning
+            meaning = field.description or ""
             allows = allowed(section, name).replace(" | ", ", ")
             yield [f"`{above}{name}`", default, allows, meaning]
         if part is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +13,9 @@ import beltid.stages.steps  # noqa: F401  makes the stages known
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
-from beltid.stage import STAGES, Built, Stage
+from beltid.report.summary import Summary
+from beltid.report.view import summary_of
+from beltid.stage import STAGES, Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
 from beltid.stages.workers import Workers
@@ -23,11 +25,11 @@ UP_TO_DATE: Final = "up to date"
 TO_BE_MADE: Final = "to be made"
 FAILED: Final = "failed"
 WRONG: Final = "cannot be made"
+NO_RECORDING: Final = "no recording"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
 REPORT: Final = "report"
 OVERRIDDEN_BY: Final = {"compare": "compare refined"}
-"""Comparison that may be out of tolerance -> comparison whose success overrides it: the bias of the
-published surface is known, the refined surface is the result."""
+"""Comparison that may be out of tolerance -> that whose success overrides it: the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +71,8 @@ CHAIN: Final = (
     Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, "drive"),
     Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, "drive"),
 )
-"""The published procedure and the surface refined by the inverse solution, both compared with the
-bench; prediction of left-out runs by a surface refined from the others; and the drive of the
-speed-loss recording, if the config states one."""
+"""The published procedure and the refined surface, both compared with the bench; prediction of runs
+left out; and the drive of the speed-loss recording, if the config states one."""
 
 OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 """Steps that need no simulated rig; a running belt has none."""
@@ -85,11 +86,11 @@ class Belt:
     states: dict[str, str] = field(default_factory=dict)
     lacking: tuple[str, ...] = ()  # recordings that the chain can use but the config does not name
     facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # of the steps with a result
-    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-    """Exit status and problems of the steps that have any."""
+    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)  # of the steps
     origins: list[str | None] = field(default_factory=list)
     made: list[str] = field(default_factory=list)  # files that exist, recordings among them
     new: bool = False  # whether anything was computed
+    page: OnPage | None = None  # what its report shows, if there is one
 
     def failed(self, name: str, error: BeltidError) -> None:
         """Record and log that a step failed."""
@@ -97,18 +98,17 @@ class Belt:
         self.troubles[name] = (error.exit_status, error.problems)
         _say(logging.ERROR, name, error.problems)
 
-    def has(self, step: Step, built: Built, spent_s: float) -> None:
+    def has(self, name: str, said: Summary, spent_s: float) -> None:
         """Record and log what a step has made, or found up to date."""
-        name, said = step.name, built.summary()
-        self.states[name] = UP_TO_DATE if built.up_to_date else DONE
+        self.states[name] = UP_TO_DATE if said.up_to_date else DONE
         if said.exit_status:
             judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
             self.states[name] = OUT_OF_TOLERANCE if judged else FAILED
             self.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
         self.facts[name] = said.facts
         self.origins.append(said.origin)
-        self.new |= not built.up_to_date
-        spent = "" if built.up_to_date else f", {spent_s:.1f} s"
+        self.new |= not said.up_to_date
+        spent = "" if said.up_to_date else f", {spent_s:.1f} s"
         log.info("%s: %s%s", name, self.states[name], spent)
         _say(logging.DEBUG, name, said.notes)
         _say(logging.WARNING, name, said.warnings)
@@ -133,35 +133,30 @@ class Belt:
         )
 
 
-def chain_of(config: Config) -> list[Step]:
-    """Return the steps of a chain."""
-    left_out = "cross-validate" if config.cross_validate.by == "none" else ""
-    chain = [s for s in CHAIN if not s.section or s.section in config.model_fields_set]
-    return [step for step in chain if step.name != left_out]
-
-
-def states_at_first(chain: Sequence[Step], recordings: Collection[str]) -> dict[str, str]:
-    """Return the state of every step before the first: some lack a recording."""
-    available, states = set(recordings), {}
-    for step in chain:
-        states[step.name] = "no recording"
+def chain_of(config: Config) -> Iterator[tuple[Step, str]]:
+    """Yield the steps of a chain, each with its state before the first: some lack a recording."""
+    available = set(config.data.files)
+    for step in CHAIN:
+        left_out = step.name == "cross-validate" and config.cross_validate.by == "none"
+        if left_out or (step.section and step.section not in config.model_fields_set):
+            continue
+        state = NO_RECORDING
         if available.issuperset(step.needs.values()):
-            states[step.name] = "not run"
+            state = "not run"
             available.add(step.makes)
-    return states
+        yield step, state
 
 
 def look_at_belt(
     source: ConfigSource, folder: Path, *, force: bool = False
 ) -> Iterator[tuple[str, Path, str, BeltidError | None]]:
     """Yield each step's name, file, state and error, if the chain began now; compute nothing."""
-    chain, files = chain_of(source.config), dict(source.config.data.files)
-    states, stale = states_at_first(chain, files), set[str]()
-    for step in chain:
-        out, state, error = folder / f"{step.makes}.parquet", states[step.name], None
-        if files.keys() >= set(step.needs.values()):
+    files, stale = dict(source.config.data.files), set[str]()
+    for step, state in chain_of(source.config):
+        out, needs, error = folder / f"{step.makes}.parquet", set(step.needs.values()), None
+        if needs <= files.keys():
             state = TO_BE_MADE
-            if not force and stale.isdisjoint(step.needs.values()):
+            if not force and stale.isdisjoint(needs):
                 try:
                     *_, existing = step.stage.look(source, step.inputs(files), out)
                     state = TO_BE_MADE if existing is None else UP_TO_DATE
@@ -176,14 +171,14 @@ def look_at_belt(
 
 def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: bool = False) -> Belt:
     """Run the chain of a belt; a step that fails does not stop those that do not need it."""
-    chain, files = chain_of(source.config), dict(source.config.data.files)
-    belt = Belt(source.name, states_at_first(chain, files), tuple(lacking(source.config)))
+    belt, files = Belt(source.name), dict(source.config.data.files)
+    belt.lacking = tuple(lacking(source.config))
     with prefixed(f"{source.name}: "):
         synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
         log.info("config %s%s, results in %s", source.origin, synthetic, folder)
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
-        for step in chain:
+        for step, belt.states[step.name] in chain_of(source.config):
             running = "rig_running" in belt.facts.get("fit-friction", {})
             if running and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
@@ -191,8 +186,9 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 out, start = folder / f"{step.makes}.parquet", time.monotonic()
                 try:
                     inputs = step.inputs(files)
-                    built = step.stage.run(source, inputs, out, force=force, workers=workers)
-                    belt.has(step, built, time.monotonic() - start)
+                    made, kept = step.stage.run(source, inputs, out, force=force, workers=workers)
+                    said = summary_of(made, up_to_date=kept)
+                    belt.has(step.name, said, time.monotonic() - start)
                     files[step.makes] = out
                 except TooFewSettings as error:
                     belt.states[step.name] = "too few settings"
@@ -204,7 +200,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
 
             log.info(NOT_SIMULATED)
     # what lacks a recording is hidden as such, whoever writes the page
-    lacks = {step.makes for step in chain if belt.states[step.name] == "no recording"}
+    lacks = [step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING]
     belt.made = sorted({*files, *lacks})
     return belt
 
@@ -218,16 +214,16 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE
-            if mark_to_write([shown], out, force=force):
+            if mark := mark_to_write([shown], out, force=force):
                 from beltid.stages.report_belt import write_page
 
-                page, state, belt.new = write_page([shown], out, force=force), DONE, True
+                page, state, belt.new = write_page([shown], out, mark), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
         except BeltidError as error:
             belt.failed(REPORT, error)
             return
-        belt.states[REPORT] = state
+        belt.states[REPORT], belt.page = state, shown
         log.info("%s: %s, %s", REPORT, state, out)
 
 

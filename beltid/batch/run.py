@@ -16,7 +16,6 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import Any, Final
@@ -35,22 +34,20 @@ from beltid.batch.chain import (
     look_at_belt,
     run_belt,
 )
-from beltid.config import ConfigSource, load_config
+from beltid.config import ConfigSource
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
 from beltid.notes import log, python_warnings
 from beltid.report.summary import Summary
-from beltid.stages.about import wrong_recordings
-from beltid.stages.page_mark import NAME, OnPage, mark_to_write
+from beltid.stages.about import checked
+from beltid.stages.page_mark import NAME, mark_to_write
 from beltid.stages.workers import Result, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 from beltid.store.disk import source_sha256
 
-SPAWN: Final = multiprocessing.get_context("spawn")
-"""Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
+SPAWN: Final = multiprocessing.get_context("spawn")  # nothing is left in a temporary folder
 LAST_NOTES_S: Final = 5.0
-AT_ONCE: Final = 8
-"""Number of belts whose files are read and written at the same time if a cluster computes."""
+AT_ONCE: Final = 8  # belts whose files are read and written at the same time if a cluster computes
 COLUMNS: Final = (
     ("k_linear_N_m2", "fit-stiffness", "k_linear_N_m2"),
     ("k_quadratic_N_m3", "fit-stiffness", "k_quadratic_N_m3"),
@@ -75,23 +72,16 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
         named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     if not named:
         raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
-    problems, sources = list[str](), dict[str, ConfigSource]()
-    for path, origin in named:
-        try:
-            source = ConfigSource(load_config(path), origin, path)
-        except BeltidError as error:
-            problems += error.problems
-            continue
-        problems += wrong_recordings(source)
-        other = sources.setdefault(source.name.lower(), source)  # file systems may ignore case
+    sources, problems = checked(named)
+    by_name = dict[str, ConfigSource]()
+    for source in sources:
+        other = by_name.setdefault(source.name.lower(), source)  # file systems may ignore case
         if other is not source:
-            problems.append(
-                f"{path}: belt.name = {source.name}, must differ from that of {other.path}: "
-                "it names the folder of the results"
-            )
+            allowed = f"must differ from that of {other.path}: it names the folder of the results"
+            problems.append(f"{source.path}: belt.name = {source.name}, {allowed}")
     if problems:
         raise ConfigError(problems)
-    return list(sources.values())
+    return sources
 
 
 def run_batch(
@@ -111,7 +101,7 @@ def run_batch(
     by_name = {belt.name: belt for belt in ended}
     belts = [by_name[source.name] for source in sources]
     if report:
-        _compare_on_page(belts, sources, folder, force)
+        _compare_on_page(belts, folder, force)
     return _summary(belts, folder)
 
 
@@ -233,36 +223,27 @@ def _on_cluster(
         contextlib.closing(Cluster(scheduler)) as cluster,
         ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool,
     ):
-        run = partial(run_belt, workers=cluster, force=force)
-        places = [folder / source.name for source in sources]
-        for source, belt in zip(sources, pool.map(run, sources, places), strict=True):
+        ends = [pool.submit(run_belt, s, folder / s.name, cluster, force=force) for s in sources]
+        for source, end in zip(sources, ends, strict=True):
             if report:  # here: matplotlib does not draw in several threads
-                add_page(belt, source, folder / source.name, force=force)
-            yield belt
+                add_page(end.result(), source, folder / source.name, force=force)
+            yield end.result()
 
 
-def _compare_on_page(
-    belts: Sequence[Belt], sources: Sequence[ConfigSource], folder: Path, force: bool
-) -> None:
+def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
     """Write the page that compares the belts."""
-    shown = {
-        (place := folder / belt.name): OnPage(
-            place, source.config.data.files, belt.made, belt.failures
-        )
-        for belt, source in zip(belts, sources, strict=True)
-        if belt.states.get(REPORT, FAILED) != FAILED
-    }
-    if len(shown) < 2:
+    on_page, page = [belt.page for belt in belts if belt.page], folder / NAME
+    if len(on_page) < 2:
         return
-    on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
+    on_page.sort(key=lambda shown: shown.folder)
     try:
-        if mark_to_write(on_page, page, force=force):
+        if mark := mark_to_write(on_page, page, force=force):
             from beltid.stages.report_belt import write_page
 
-            write_page(on_page, page, force=force)
+            write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
-        next(belt for belt in belts if folder / belt.name == [*shown][-1]).failed(REPORT, error)
+        next(belt for belt in reversed(belts) if belt.page).failed(REPORT, error)
 
 
 def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
@@ -355,12 +336,14 @@ class Cluster(Workers):
     def __init__(self, address: str) -> None:
         try:
             from distributed import Client
+            from distributed.comm import get_address_host_port
         except ImportError:
             raise InputError(INSTALL) from None
         # its log would mix with our notes; what matters is raised as an error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.about = f"cluster {address}"
         try:
+            get_address_host_port(address)  # a client of a malformed one ends with a traceback
             self._client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=CONNECT_WITHIN_S)
         except Exception as error:  # malformed addresses, network errors, no workers
@@ -391,7 +374,6 @@ def refuse_others(client: Any, cluster: str) -> None:
     hashes = client.run(source_sha256, on_error="return")
     others = [worker for worker, found in hashes.items() if found != source_sha256()]
     if others:
-        raise InputError(
-            f"{cluster}: {len(others)} of {len(hashes)} workers have no beltid or another one, "
-            f"such as {others[0]}; install beltid {__version__} there as on this computer"
-        )
+        found = f"{len(others)} of {len(hashes)} workers have no beltid or another one"
+        remedy = f"install beltid {__version__} there as on this computer"
+        raise InputError(f"{cluster}: {found}, such as {others[0]}; {remedy}")

@@ -21,9 +21,8 @@ def inspect(
 ) -> Summary:
     """Show how a file is read: format, channels, units, rates, runs, gaps.
 
-    Prints for every channel the column that it becomes, or may become, the runs, and a section for
-    the config that states all this. If something is ambiguous, it prints the config lines that
-    resolve it, and the status is 2. Nothing is written.
+    Prints for every channel the column that it becomes, the runs, and a section for the config that
+    states all this. If something is ambiguous, the status is 2. Nothing is written.
 
     Parameters
     ----------
@@ -51,8 +50,7 @@ def init(name: str, files: list[Path] | None = None, *, common: Common) -> Summa
     """Write the config of a new belt, with the meaning, unit and range of every key.
 
     What the recordings state is written: which bench each is of; contact arcs, tensions and speeds
-    of the rig. Type and ribs follow from a name such as 6pk. All other keys are comments with
-    their defaults. An existing file is overwritten only with --force.
+    of the rig. Type and ribs follow from a name such as 6pk. All other keys are comments.
 
     Parameters
     ----------
@@ -86,10 +84,9 @@ def run(
 ) -> Summary:
     """Run the whole chain for one or several belts: from the recordings to the report.
 
-    Identifies stiffness, sliding speeds and friction, builds the published and the refined
-    surface, simulates the rig with both, and compares. Results go to runs/<belt>/. Results that
-    are up to date are kept, so a second run does nothing. A belt that fails does not stop the
-    others. The report is runs/<belt>/report.html, for several belts also runs/report.html.
+    Results go to runs/<belt>/; those that are up to date are kept, so a second run does nothing. A
+    belt that fails does not stop the others. The report is runs/<belt>/report.html, for several
+    belts also runs/report.html.
 
     Parameters
     ----------
@@ -139,12 +136,9 @@ def run(
 def report(folders: list[Path], *, common: Common) -> Summary:
     """Write the report of a belt, one page: verdict, figures, tables, provenance.
 
-    The page needs no network and no other file. It lists what is missing in the folder. `beltid
-    run` writes it at the end. For several folders: a report in each of them, and one page in the
-    folder above that compares the belts.
-
-    The curves of the press and the runs over time need the recordings once: `beltid run` stores
-    what the figures need in the folder. Otherwise name the config of the belt with --config.
+    The page needs no network and no other file; `beltid run` writes it at the end. For several
+    folders: a report in each of them, and one page in the folder above that compares the belts. The
+    curves of recordings are those that `beltid run` stored, else name the config with --config.
 
     Parameters
     ----------
@@ -205,8 +199,7 @@ def export(
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot represent is replaced by an approximation; the file states its deviation from
-    the law over the range of mu. An existing file with different content is replaced only with
-    --force.
+    the law over the range of mu.
 
     Parameters
     ----------

@@ -7,8 +7,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 import typer
@@ -37,28 +36,26 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
     `kept` says what an interrupt leaves; None: the command writes no file.
     """
     start = time.monotonic()
-    with _statuses(common, kept or NOTHING):
-        if kept is None:
-            refuse_out(common)
-        made = work()
-        if isinstance(made, str) and common.out is not None:
-            from beltid.store.disk import check_place, write_bytes
-
-            check_place(common.out, TEXT_ENDINGS, force=common.force)
-            write_bytes(common.out, made.encode())
-            log.info("%s written", common.out)
-            raise typer.Exit
-        if not isinstance(made, str):
-            _report(made, common, time.monotonic() - start)
+    with heard_by(Terminal(quiet=common.quiet, verbose=common.verbose)):
         try:
-            _print(made, common)
-            sys.stdout.flush()
-        except BrokenPipeError:  # the reader (head, less) has closed the pipe
-            mute("stdout")
-            raise typer.Exit from None
-        except OSError as error:
-            mute("stdout")
-            raise BeltidError(f"stdout: {error.strerror or error}") from None
+            with if_stopped(kept or NOTHING), python_warnings():
+                if kept is None:
+                    refuse_out(common)
+                made = work()
+                if isinstance(made, str) and common.out is not None:
+                    from beltid.store.disk import check_place, write_bytes
+
+                    check_place(common.out, TEXT_ENDINGS, force=common.force)
+                    write_bytes(common.out, made.encode())
+                    log.info("%s written", common.out)
+                    raise typer.Exit
+                if not isinstance(made, str):
+                    _report(made, common, time.monotonic() - start)
+                _print(made, common)
+        except BeltidError as error:
+            for problem in error.problems:
+                log.error("%s", problem)
+            raise typer.Exit(error.exit_status) from None
     raise typer.Exit(0 if isinstance(made, str) else made.exit_status)
 
 
@@ -66,19 +63,6 @@ def refuse_out(common: Common) -> None:
     """Refuse --out where no file is written."""
     if common.out is not None:
         raise InputError(f"--out = {common.out}: this command writes no file, leave it out")
-
-
-@contextmanager
-def _statuses(common: Common, kept: str) -> Iterator[None]:
-    """Let the terminal hear the notes; turn our errors into exit statuses."""
-    with heard_by(Terminal(quiet=common.quiet, verbose=common.verbose)):
-        try:
-            with if_stopped(kept), python_warnings():
-                yield
-        except BeltidError as error:
-            for problem in error.problems:
-                log.error("%s", problem)
-            raise typer.Exit(error.exit_status) from None
 
 
 def _report(summary: Summary, common: Common, elapsed_s: float) -> None:
@@ -100,14 +84,20 @@ def _report(summary: Summary, common: Common, elapsed_s: float) -> None:
 
 
 def _print(made: Summary | str, common: Common) -> None:
-    if isinstance(made, str):
-        print(made, end="")
-    elif common.json:
-        print(json.dumps(made.as_json(), indent=2, ensure_ascii=False, allow_nan=False))
-    else:
-        from beltid.report.summary import show
+    try:
+        if isinstance(made, str):
+            print(made, end="")
+        elif common.json:
+            print(json.dumps(made.as_json(), indent=2, ensure_ascii=False, allow_nan=False))
+        else:
+            from beltid.report.summary import show
 
-        show(made, console(), complete=common.verbose)
+            show(made, console(), complete=common.verbose)
+        sys.stdout.flush()
+    except OSError as error:
+        mute("stdout")
+        if not isinstance(error, BrokenPipeError):  # the reader (head, less) has closed the pipe
+            raise BeltidError(f"stdout: {error.strerror or error}") from None
 
 
 def console() -> Console:

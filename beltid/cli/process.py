@@ -20,8 +20,7 @@ from typing import Final, NoReturn
 from beltid.errors import printable
 
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
-CLEAR_LINE: Final = "\r\x1b[2K"
-"""Terminal codes that clear the line of progress."""
+CLEAR_LINE: Final = "\r\x1b[2K"  # terminal codes that clear the line of progress
 
 _kept: list[str] = []
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, get_origin
 
 import typer
 from typer.core import TyperGroup
@@ -46,6 +46,7 @@ FIRST: Final = {
 }
 """Commands that are no steps, in the order of the help."""
 SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
+VERSION_HELP: Final = "Show the version and exit; with -v, those of all libraries."
 SHORT: Final = {
     "jobs": "-j",
     "dry_run": "-n",
@@ -61,25 +62,6 @@ FILES: Final = (
     "or a zip file with a file per run"
 )
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
-
-
-def show_version(context: typer.Context, wanted: bool) -> None:
-    """Print the version and exit, if requested; with --verbose, those of all libraries too."""
-    if not wanted:
-        return
-    typer.echo(f"beltid {__version__}")
-    if context.params["verbose"]:
-        from beltid.cli.execute import finish
-        from beltid.stages.about import program
-
-        finish(program, Common(verbose=True), None)
-    raise typer.Exit
-
-
-def version_option(**about: Any) -> Any:
-    """Return the option --version."""
-    text = "Show the version and exit; with -v, those of all libraries."
-    return typer.Option("--version", callback=show_version, help=text, **about)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +107,18 @@ def config_of(file: Path | None, common: Common) -> Any:
 
 class InOrder(TyperGroup):
     """Command group that makes a command when it is called: making all takes half of the help."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Show the version if it is asked for, before or after a command."""
+        if "--version" in args:
+            typer.echo(f"beltid {__version__}")
+            if {"-v", "--verbose"} & set(args):
+                from beltid.cli.execute import finish
+                from beltid.stages.about import program
+
+                finish(program, Common(verbose=True), None)
+            raise typer.Exit
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands in the order of the help."""
@@ -186,58 +180,37 @@ def command(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Make a command of a function: arguments and options by its signature and docstring.
 
-    The function returns a summary or a text. `out` says what --out is, as ``FILE: The file.``, if
-    not what it is in all commands; `kept` what an interrupt leaves, None: no file is written.
+    The function returns a summary or a text; its ``common`` are the common options. `out` says what
+    --out is, as ``FILE: The file.``, if not what it is in all commands; `kept` what an interrupt
+    leaves, None: no file is written.
     """
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         text, told, example = sections(inspect.getdoc(function) or "")
         signature = inspect.signature(function, eval_str=True).parameters.values()
-        parameters = [parameter(p, *told[p.name]) for p in signature if p.name != "common"]
+        own, common = [p for p in signature if p.name != "common"], _common()
+        if out:
+            kind, _, meaning = out.partition(": ")
+            common["out"] = kind, meaning
+        parameters = [parameter(p, *told.get(p.name, ("", ""))) for p in own]
+        for p in inspect.signature(Common, eval_str=True).parameters.values():
+            hidden = p.name != "out" or not out
+            parameters.append(parameter(p.replace(kind=KEYWORD), *common[p.name], hidden=hidden))
 
-        def run(*args: Any, common: Common, **values: Any) -> None:
+        def called(*args: Any, **values: Any) -> None:
             from beltid.cli.execute import finish
 
-            left = kept and kept.format(out=common.out or "runs")
-            finish(lambda: function(*args, common=common, **values), common, left)
+            given = Common(**{name: values.pop(name) for name in common})
+            left = kept and kept.format(out=given.out or "runs")
+            finish(lambda: function(*args, common=given, **values), given, left)
 
-        register(name, run, parameters, f"{text}\n\n{example}", of=of, short=short, out=out)
+        called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        called.__annotations__ = {p.name: p.annotation for p in parameters}
+        called.__doc__ = f"{text}\n\n{example}"
+        of.command(name, short_help=short, epilog=SEE)(called)
         return function
 
     return made
-
-
-def register(
-    name: str,
-    run: Callable[..., None],
-    parameters: Iterable[inspect.Parameter],
-    text: str,
-    *,
-    of: typer.Typer = app,
-    short: str = "",
-    out: str = "",
-) -> None:
-    """Register a function as a command with a help text; its ``common`` are the common options."""
-    told, shared = _common(), list[inspect.Parameter]()
-    for p in inspect.signature(Common, eval_str=True).parameters.values():
-        # eager: --version, wherever it stands, must know it
-        about: dict[str, Any] = {"hidden": True, "is_eager": p.name == "verbose"}
-        if p.name == "out" and out:
-            kind, _, meaning = out.partition(": ")
-            told["out"], about = (kind, meaning), {}
-        shared.append(parameter(p.replace(kind=KEYWORD), *told[p.name], **about))
-    names = [p.name for p in shared]
-    hidden = Annotated[bool, version_option(hidden=True)]
-    shared.append(inspect.Parameter("version", KEYWORD, default=False, annotation=hidden))
-
-    def called(*args: Any, version: bool, **values: Any) -> None:
-        run(*args, common=Common(**{name: values.pop(name) for name in names}), **values)
-
-    signature = inspect.Signature([*parameters, *shared])
-    called.__signature__ = signature  # type: ignore[attr-defined]
-    called.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
-    called.__doc__ = text
-    of.command(name, short_help=short, epilog=SEE)(called)
 
 
 def _kind(stage: Any, role: str) -> str:
@@ -260,24 +233,21 @@ def add_step(stage: Any) -> None:
             of = Path if p.default is p.empty else Path | None
             parameters.append(p.replace(kind=KEYWORD, annotation=Annotated[of, given]))
     parameters += [parameter(hints[p.name], *told[p.name]) for p in stage.options]
-    text = f"{text}\n\nWrites {stage.file_name()}.\n\n{example}\n"
 
-    def run(*, common: Common, **given: Any) -> None:
+    def step(*, common: Common, **given: Any) -> Any:
         from beltid.bench.files import folder_of
-        from beltid.cli.execute import finish
+        from beltid.report.view import summary_of
 
         files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
         first = next(iter(files.values()), None)
-        folder = Path() if first is None else folder_of(first)
-        out = common.out or folder / stage.file_name(given)
+        out = common.out or (folder_of(first) if first else Path()) / stage.file_name(given)
+        source = config_of(first, common)
+        made, kept = stage.run(source, files, out, force=common.force, **given)
+        return summary_of(made, up_to_date=kept)
 
-        def work() -> Any:
-            source = config_of(first, common)
-            return stage.run(source, files, out, force=common.force, **given).summary()
-
-        finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
-
-    register(stage.name, run, parameters, text)
+    step.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    step.__doc__ = f"{text}\n\nWrites {stage.file_name()}.\n\n{example}"
+    command(stage.name)(step)
 
 
 def _short(stage: Any) -> str:
@@ -301,7 +271,9 @@ def _about(kind: str) -> str:
 
 
 def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspect.Parameter:
-    """Return a parameter as an argument, or as an option if it is a keyword."""
+    """Return a parameter as an argument, or as an option if it is a keyword; or as it is told."""
+    if get_origin(p.annotation) is Annotated:
+        return p
     annotation = type(p.default) if p.annotation is p.empty else p.annotation
     about |= {"help": text, "metavar": _metavar(kind)}
     if p.kind is not KEYWORD:
@@ -343,14 +315,8 @@ def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
 
 
 @app.callback()
-def _top(
-    version: Annotated[bool, version_option()] = False,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", is_eager=True, help="With --version: everything.")
-    ] = False,
-) -> None:
-    if verbose:
-        raise typer.BadParameter("-v stands after the command, or beside --version")
+def _top(version: Annotated[bool, typer.Option("--version", help=VERSION_HELP)] = False) -> None:
+    """Declare for the help what the group does."""
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Configs: YAML -> frozen model, with errors that carry file, line and column.
 
-`model` states the keys, by `fields` and `checks`; `source` reads YAML with its places; `loading`
+`model` states the keys, by `checks`; `source` reads YAML with its places; `loading`
 finds and loads a config and words its errors; `writing` writes it.
 """
 

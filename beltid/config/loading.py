@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from beltid.config.fields import Section, section_in
+from beltid.config.checks import Section, section_in
 from beltid.config.model import Config
 from beltid.config.source import KeyPath, Place, Source, format_path, read_source
 from beltid.errors import ConfigError

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, cast
@@ -17,7 +17,7 @@ from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
-from beltid.config.fields import Section, count, key, number, settings
+from beltid.config.checks import Section, count, key, number, settings
 from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
@@ -106,20 +106,15 @@ class RigSection(Section):
 
     @property
     def given_force(self) -> params.GivenForce:
-        """Force that stays constant while the pulley turns.
-
-        A weight fixes the tension of one span, a hub force the sum of both. Where `holds` is not
-        stated, it is the hub force if that is measured, else the stretch of the belt.
-        """
+        """Force that stays constant while the pulley turns: where it is not stated, as measured."""
         return HOLDS[self.holds or ("hub_force" if self.kind == "torque_hub" else "stretch")][0]
 
 
 class ConditionsSection(Section):
     """Conditions of the rig, passed on with the results; null: not stated.
 
-    They change no number. A column of the recording states them for each run and takes precedence.
-    Runs on different surfaces, or on different sides of the belt, are never combined into one
-    friction surface.
+    They change no number. A column of the recording takes precedence. Runs of different conditions
+    are never combined into one friction surface.
     """
 
     surface: Literal["dry", "wet", "dusty"] | None = key(None, "state of the contact surface")
@@ -322,8 +317,7 @@ class DialectSection(Section):
 
 
 KINDS: Final = ("press", "rig", "speedloss")
-SYMBOLS: Final = {"deg": "°", "degC": "°C"}
-"""Unit of a column -> its symbol in a config."""
+SYMBOLS: Final = {"deg": "°", "degC": "°C"}  # unit of a column -> its symbol in a config
 
 
 def _value(column: Column) -> checks.Check:
@@ -340,32 +334,25 @@ def _value(column: Column) -> checks.Check:
     return checks.Number(column.low, column.high, unit, column.open_low, column.open_high)
 
 
-def _columns(kind: str) -> list[Column]:
-    """Return the columns that a config may name; those of the rig serve its plateaus, too."""
-    tables = [table("points"), table(kind)] if kind == "rig" else [table(kind)]
-    return list({column.name: column for of in tables for column in of.columns}.values())
+def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks.Keys]:
+    """Return the checks of columns by kind; those of the rig serve its plateaus, too."""
+    found = {}
+    for kind in KINDS:
+        columns = (*(table("points").columns if kind == "rig" else ()), *table(kind).columns)
+        known = {column.name: check(column) for column in columns}
+        found[kind] = checks.Keys({name: of for name, of in known.items() if of})
+    return found
 
 
-def _runs(kind: str) -> checks.Keys:
-    settings = [column for column in _columns(kind) if column.name in SETTINGS]
-    values = {column.name: _value(column) for column in settings}
-    files = {"pattern": checks.pattern_of_names, "table": checks.file_path}
-    return checks.Keys({**files, "values": checks.Keys(values)}, dict.fromkeys(files))
-
-
-def _names(kind: str) -> checks.Keys:
-    return checks.Keys({column.name: checks.text for column in _columns(kind)})
-
-
-def _units(kind: str) -> checks.Keys:
-    return checks.Keys(
-        {c.name: checks.unit_of(c.unit) for c in _columns(kind) if c.dtype == "float64"}
-    )
-
-
-COLUMNS: Final = checks.Keys({kind: _names(kind) for kind in KINDS})
-UNITS: Final = checks.Keys({kind: _units(kind) for kind in KINDS})
-RUNS: Final = checks.Keys({kind: _runs(kind) for kind in KINDS})
+_FILES: Final = {"pattern": checks.pattern_of_names, "table": checks.file_path}
+_VALUES: Final = _by_kind(lambda c: _value(c) if c.name in SETTINGS else None)
+COLUMNS: Final = checks.Keys(_by_kind(lambda c: checks.text))
+UNITS: Final = checks.Keys(
+    _by_kind(lambda c: checks.unit_of(c.unit) if c.dtype == "float64" else None)
+)
+RUNS: Final = checks.Keys(
+    {k: checks.Keys({**_FILES, "values": of}, dict.fromkeys(_FILES)) for k, of in _VALUES.items()}
+)
 
 
 class Config(Section):

@@ -12,8 +12,7 @@ from beltid.errors import ConfigError
 
 MAX_BYTES: Final = 100_000
 KeyPath = tuple[str | int, ...]
-Place = tuple[int, int]
-"""Line and column, from 1; 0 if unknown."""
+Place = tuple[int, int]  # line and column, from 1; 0 if unknown
 
 
 def format_path(path: KeyPath) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.config.fields import Section, allowed, key_of
+from beltid.config.checks import Section, allowed
 from beltid.config.loading import effective_values
 from beltid.config.model import Config
 from beltid.config.source import KeyPath, format_path
@@ -61,12 +61,11 @@ def _lines(
     for name, value in dict(values).items():
         path = (*above, name)
         if path in shown:
-            of, note = type(values), shown[path]
-            declared = (
-                (key_of(of, name).meaning, allowed(of, name)) if issubclass(of, Section) else ()
-            )
-            line = f"{indent}{'# ' if note is None else ''}{name}: {value_text(value)}"
-            yield _line(line, "; ".join(filter(None, (*declared, note))))
+            of, notes = type(values), [shown[path]]
+            if issubclass(of, Section):
+                notes = [of.model_fields[name].description, allowed(of, name), *notes]
+            line = f"{indent}{'# ' if shown[path] is None else ''}{name}: {value_text(value)}"
+            yield _line(line, "; ".join(filter(None, notes)))
         elif isinstance(value, (Section, dict)):
             inside = list(_lines(value, shown, path))
             title = str(value.__doc__).splitlines()[0] if isinstance(value, Section) else ""

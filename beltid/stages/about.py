@@ -79,21 +79,30 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
 
 def check_configs(paths: Sequence[Path]) -> Summary:
     """Check configs, and whether the recordings they name exist."""
-    problems, warnings, rows = list[str](), list[str](), []
-    for path in paths:
-        try:
-            config = load_config(path)
-        except ConfigError as error:
-            problems += error.problems
-            continue
-        problems += wrong_recordings(ConfigSource(config, str(path), path))
-        warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
-        recordings = ", ".join(config.data.files)
-        rows.append({"config": str(path), "belt": config.belt.name, "recordings": recordings})
+    sources, problems = checked([(path, str(path)) for path in paths])
     if problems:
         raise ConfigError(problems)
-    title = "all keys known, all values allowed, all recordings found"
-    return Summary("config check", title, table=rows, warnings=tuple(warnings))
+    return Summary(
+        stage="config check",
+        title="all keys known, all values allowed, all recordings found",
+        table=[
+            {"config": s.origin, "belt": s.name, "recordings": ", ".join(s.config.data.files)}
+            for s in sources
+        ],
+        warnings=tuple(f"{s.path}: {WITHOUT[kind]}" for s in sources for kind in lacking(s.config)),
+    )
+
+
+def checked(named: Sequence[tuple[Path, str]]) -> tuple[list[ConfigSource], list[str]]:
+    """Load configs by their paths and origins; return those that load, and all problems."""
+    sources, problems = list[ConfigSource](), list[str]()
+    for path, origin in named:
+        try:
+            sources.append(ConfigSource(load_config(path), origin, path))
+            problems += wrong_recordings(sources[-1])
+        except ConfigError as error:
+            problems += error.problems
+    return sources, problems
 
 
 def lacking(config: Config) -> list[str]:

@@ -68,16 +68,8 @@ COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
 """Columns of the friction table that a prediction needs."""
 ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
-MIN_SHARE_COMPARED: Final = 0.5
-"""Share of compared runs below which the campaign fails: too few to judge it."""
-OF_PREDICTION: Final = {
-    "loss_predicted_rad_s": "speed_loss_rad_s",
-    "u_input_rad_s": "speed_loss_u_rad_s",
-    "loss_creep_rad_s": "loss_creep_rad_s",
-    "loss_seating_rad_s": "loss_seating_rad_s",
-    "loss_slip_rad_s": "loss_slip_rad_s",
-}
-"""Column of a comparison of losses -> column of the predicted drive."""
+MIN_SHARE_COMPARED: Final = 0.5  # share of compared runs below which the campaign fails
+PARTS: Final = ("loss_creep_rad_s", "loss_seating_rad_s", "loss_slip_rad_s")
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
@@ -252,7 +244,10 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
     measured, table = slip.columns, _predicted(slip, drive)
     at_idle = table["speed_rad_s"].abs() + table["speed_loss_rad_s"]
     ratio = table["driver_speed_rad_s"].abs() / at_idle.where(at_idle > 0.0)
-    predicted = {name: (table[source] * ratio).to_numpy() for name, source in OF_PREDICTION.items()}
+    names = {"speed_loss_rad_s": "loss_predicted_rad_s", "speed_loss_u_rad_s": "u_input_rad_s"}
+    predicted = {
+        names.get(name, name): (table[name] * ratio).to_numpy() for name in (*names, *PARTS)
+    }
     loss = measured["speed_loss_rad_s"]
     # Eq. (7): the standard error of the loss is that of the sliding speed over R
     radius = np.nanmedian(_over(measured["slip_speed_m_s"], loss))
@@ -311,10 +306,8 @@ def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
     """Return the rows of the loaded pulley for the measured runs, missing if not predicted."""
     loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
-        raise InputError(
-            f"{name}: its points do not come from a recording; predict those of the "
-            "recording with beltid simulate-drive --from"
-        )
+        remedy = "predict those of the recording with beltid simulate-drive --from"
+        raise InputError(f"{name}: its points do not come from a recording; {remedy}")
     table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
     # that of the arc that slides most, over all pulleys
     shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()

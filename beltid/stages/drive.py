@@ -51,15 +51,11 @@ from beltid.uncertainty.sources import (
 )
 
 SIGNIFICANT_LOSS: Final = 0.1  # share of the largest loss above which a loss counts in the budget
-ALIKE_RATIOS: Final = 0.03
-"""Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
-ALIKE_RADII: Final = (0.7, 1.5)
-"""Pulley radius over rig radius for which the laws may hold: wedging changes with curvature."""
-MOST_OUTSIDE: Final = 0.3
-"""Share of the sliding friction outside the measured range above which a warning is given."""
+ALIKE_RATIOS: Final = 0.03  # relative difference between a ratio of speeds and that of radii
+ALIKE_RADII: Final = (0.7, 1.5)  # pulley over rig radius for which the laws hold: wedging changes
+MOST_OUTSIDE: Final = 0.3  # share of the friction outside the measured range that is warned of
 
-Points = Mapping[str, DrivePoint]
-"""Operating points by their labels in tables."""
+Points = Mapping[str, DrivePoint]  # operating points by their labels in tables
 Results = Mapping[str, DriveResult]
 Rows = list[dict[str, Any]]
 
@@ -120,16 +116,10 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     names = [pulley.name for pulley in section.pulleys]
     _check_names(section, names)
     driven = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    drags = [0.0 if of in {*driven, section.driving} else section.idler_torque_N_m for of in names]
     pulleys = tuple(
-        Pulley(
-            pulley.name,
-            pulley.x_m,
-            pulley.y_m,
-            pulley.radius_m,
-            pulley.side == "rib",
-            0.0 if pulley.name in {*driven, section.driving} else section.idler_torque_N_m,
-        )
-        for pulley in section.pulleys
+        Pulley(p.name, p.x_m, p.y_m, p.radius_m, p.side == "rib", drag)
+        for p, drag in zip(section.pulleys, drags, strict=True)
     )
     return Drive(
         config.belt_params(),
@@ -173,19 +163,13 @@ def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
         return None
     arm = section.tensioner.si()
     free, stops = arm["free_angle_rad"], (-math.inf, math.inf)
-    if section.tensioner.stops_deg is not None:
-        angles = (math.radians(stop) - free for stop in section.tensioner.stops_deg)
+    if arm["stops_rad"] is not None:
+        angles = (stop - free for stop in arm["stops_rad"])
         low, high = sorted(free + math.remainder(angle, 2.0 * math.pi) for angle in angles)
         stops = low, high
-    return Tensioner(
-        names.index(arm["pulley"]),
-        arm["pivot_m"],
-        arm["arm_m"],
-        free,
-        arm["preload_N_m"],
-        arm["rate_N_m_rad"],
-        stops,
-    )
+    spring = arm["preload_N_m"], arm["rate_N_m_rad"]
+    pulley = names.index(arm["pulley"])
+    return Tensioner(pulley, arm["pivot_m"], arm["arm_m"], free, *spring, stops)
 
 
 def points_of_config(config: Config) -> dict[str, DrivePoint]:
@@ -209,31 +193,27 @@ def points_of_config(config: Config) -> dict[str, DrivePoint]:
     if problems:
         raise InputError(problems)
     full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
-    nothing = (0.0,) * n
     found = dict[str, DrivePoint]()
     for tension in tensions or (math.nan,):
         for i in range(n):
+            at = {key: values[i] for key, values in full.items()}
             torque, power = (
-                tuple(full.get(f"{key}.{name}", nothing)[i] for name in names)
+                tuple(at.get(f"{key}.{name}", 0.0) for name in names)
                 for key in ("torque_N_m", "power_W")
             )
-            speed = full["driver_speed_rad_s"][i]
-            found[str(len(found) + 1)] = DrivePoint(speed, tension, torque, power)
+            point = DrivePoint(at["driver_speed_rad_s"], tension, torque, power)
+            found[str(len(found) + 1)] = point
     return found
 
 
 def points_of_slip(config: Config, columns: Columns) -> dict[str, DrivePoint]:
-    """Return the operating points of a speed-loss recording, with the torque on the load pulley.
-
-    A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
-    the recording uses the other sign, and all signs are reversed.
-    """
+    """Return the operating points of a speed-loss recording, with the torque on the load pulley."""
     loaded = [pulley.name == load_pulley(config.drive) for pulley in config.drive.pulleys]
     speed, tension, torque, loss = (
         np.asarray(columns[name], dtype=float)
         for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
     )
-    braking = torque * np.sign(speed)
+    braking = torque * np.sign(speed)  # of the other sign if torques that drive lose speed
     if np.nansum(braking * loss) < 0.0:
         braking = -braking
     is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
@@ -256,8 +236,7 @@ def load_pulley(section: DriveSection) -> str:
     candidates = [name for name in others if name in stated] or others
     if len(candidates) != 1:
         raise InputError(
-            f"drive.operating_points: {', '.join(candidates)} could be the pulley of the recorded "
-            "torque; state a torque_N_m for that one only"
+            f"drive.operating_points: state torque_N_m for only one of {', '.join(candidates)}"
         )
     return candidates[0]
 
@@ -265,15 +244,9 @@ def load_pulley(section: DriveSection) -> str:
 def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[str]:
     """Yield warnings about what the config states of a drive; refuse spans too short for rods."""
     if "drive" not in config.model_fields_set:
-        yield (
-            "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, "
-            "are assumed"
-        )
+        yield "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart"
     if config.belt.shear_stiffness_N_m2 is not None:
-        yield (
-            "belt.shear_stiffness_N_m2: in a drive the ribs are rigid along the belt, so the loss "
-            "is too small"
-        )
+        yield "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small"
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, least_tension))
     if problems and config.drive.method == "rod":
@@ -281,40 +254,34 @@ def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[s
     low, high = (share * config.rig.pulley_radius_m for share in ALIKE_RADII)
     for pulley in drive.pulleys:
         if pulley.ribs and not low <= pulley.R <= high:
-            yield (
-                f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low:g} to {high:g} m, "
-                "where the contact identified on the rig can be expected to hold"
-            )
+            where = f"outside {low:g} to {high:g} m, where the contact of the rig may hold"
+            yield f"pulley {pulley.name}: radius {pulley.R:g} m is {where}"
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
     """Warn if the pulleys of the recording idle at another speed ratio than the stated radii."""
     radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
-    loaded, name = load_pulley(section), getattr(slip, "path", "slip")
-    stated, ratio = radius[loaded] / radius[section.driving], slip.facts.get("pulley_ratio")
+    loaded, ratio = load_pulley(section), slip.facts.get("pulley_ratio")
+    stated = radius[loaded] / radius[section.driving]
     known = ratio and slip.facts.get("pulley_ratio_se")
     if not known or abs(ratio / stated - 1.0) < ALIKE_RATIOS:
         return []
-    return [
-        f"{name}: without torque the driver turns {ratio:.4g} times as fast as {loaded}, with the "
-        f"radii of drive.pulleys {stated:.4g} times: the radii or names of the pulleys are wrong, "
-        "or driver and driven are swapped"
-    ]
+    turns = f"without torque the driver turns {ratio:.4g} times as fast as {loaded}"
+    by_radii = f"by the radii of drive.pulleys {stated:.4g} times: radii or names are wrong"
+    return [f"{getattr(slip, 'path', 'slip')}: {turns}, {by_radii}"]
 
 
 def _solved(
     simulator: Simulator, points: Points
 ) -> tuple[dict[str, DriveResult], dict[str, ConvergenceError]]:
     """Solve all points; return the steady states, and the errors of the points that failed."""
-    good: dict[str, DriveResult] = {}
-    failed: dict[str, ConvergenceError] = {}
+    good, failed = dict[str, DriveResult](), dict[str, ConvergenceError]()
     for run, point in points.items():
         try:
             result = simulator.solve(point)
             state = result.state
-            too_short = short_spans(result.drive, state.laid.spans, state.P) if state.rods else ()
-            if too_short:
-                raise ConvergenceError(too_short)
+            if state.rods and (short := short_spans(result.drive, state.laid.spans, state.P)):
+                raise ConvergenceError(short)
             good[run] = result
         except ConvergenceError as error:
             failed[run] = error
@@ -421,16 +388,11 @@ def _arcs(run: str, result: DriveResult) -> Rows:
 
 def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
     """Return the columns of the drive table, with a row per point and pulley."""
-    names = np.array([pulley.name for pulley in drive.pulleys], dtype=object)
-    parts = [
-        {
-            "point": np.full(names.size, k),
-            "run": np.full(names.size, run, dtype=object),
-            "pulley": names,
-            **{name: result.in_order(values) for name, values in _block(result).items()},
-        }
-        for k, (run, result) in enumerate(good.items(), start=1)
-    ]
+    names, parts = np.array([pulley.name for pulley in drive.pulleys], dtype=object), []
+    for k, (run, result) in enumerate(good.items(), start=1):
+        block = {name: result.in_order(values) for name, values in _block(result).items()}
+        label = np.full(names.size, run, dtype=object)
+        parts.append({"point": np.full(names.size, k), "run": label, "pulley": names, **block})
     return {
         name: np.where(np.isfinite(values), values, np.nan) if values.dtype == float else values
         for name, values in joined(parts).items()
@@ -479,30 +441,16 @@ def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncer
 
 
 def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:
-    yield (
-        "the friction power is that of the contact alone; bending and seating of the belt cost "
-        "about as much again"
-    )
+    yield "friction power is that of the contact; bending and seating cost about as much again"
     if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
         slowest, _ = drive.surface.validity["slip_speed_m_s"]
-        below = f"friction below {slowest:.3g} m/s, the slowest measured sliding speed,"
-        if drive.friction is drive.surface.tables():
-            yield f"{below} is taken at that speed"
-        else:
-            yield (
-                f"{below} follows half of the trend there; no trend and the full trend are the "
-                "limits of its uncertainty"
-            )
+        flat = drive.friction is drive.surface.tables()
+        how = "is taken at that speed" if flat else "follows half of the trend there, ± that half"
+        yield f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}"
     if method == "rod":
-        yield (
-            "the rod gives speeds, torques, reserves and slip limits (these to about 1 %); the "
-            "string gives the shares and, below full slip, the uncertainties"
-        )
+        yield "shares and, below full slip, uncertainties are those of a string; slip limits to 1 %"
     if of_string:
-        yield (
-            "the rod has no steady state for some changed inputs; the string gives the "
-            f"uncertainties of these points: {', '.join(of_string)}"
-        )
+        yield f"no steady state of the rod for some inputs, so by a string: {', '.join(of_string)}"
     if drive.surface.factor is None:
         yield "the friction surface has no covariance: it is assumed to be exact"
     for status, words in (
@@ -519,20 +467,11 @@ def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:
     low, high = surface.validity["normal_force_N_m"]
     for name, words in (
         ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
-        (
-            "share_outside_force_range",
-            f"at line forces that were not measured ({low:.4g} to {high:.4g} N/m were), with the "
-            "nearest measured value",
-        ),
+        ("share_outside_force_range", f"outside the measured {low:.4g} to {high:.4g} N/m"),
     ):
         shares = columns[name]
         if (beyond := shares > MOST_OUTSIDE).any():
-            yield (
-                f"in {len(set(columns['run'][beyond].tolist()))} points, up to "
-                f"{100.0 * np.nanmax(shares):.0f} % of the friction comes from sliding {words}"
-            )
+            n, most = len(set(columns["run"][beyond].tolist())), 100.0 * np.nanmax(shares)
+            yield f"in {n} points, up to {most:.0f} % of the friction comes from sliding {words}"
     if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
-        yield (
-            "friction falls with the speed: a second steady state with more slip exists for "
-            f"{', '.join(runs)}; the state with less slip was chosen"
-        )
+        yield f"friction falls with the speed: {', '.join(runs)} could also run with more slip"

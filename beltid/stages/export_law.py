@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
@@ -95,15 +95,11 @@ def run(
 def _of_file(source: Path, surface: str | None) -> ContactLaw:
     """Load the law of a law file, which holds one surface only."""
     if not source.exists():
-        raise InputError(
-            f"{source}: there is no such folder or file; name the results of a belt, such as "
-            f"runs/5pk, or a law file <belt>{SUFFIX}"
-        )
+        raise InputError(f"{source}: there is no such folder or file of a law (<belt>{SUFFIX})")
     law = load_law(source)
     if surface not in (None, law.friction.method):
         raise InputError(
-            f"{source}: holds the {law.friction.method} surface, not the {surface} one; name the "
-            "folder of the results"
+            f"{source}: holds the {law.friction.method} surface, not the {surface} one"
         )
     return law
 
@@ -111,24 +107,28 @@ def _of_file(source: Path, surface: str | None) -> ContactLaw:
 def _summary(
     law: ContactLaw, folder: Path, exports: Mapping[str, Export], *, up_to_date: bool
 ) -> Summary:
-    rows, reductions = list[dict[str, Any]](), list[dict[str, Any]]()
-    for name, made in exports.items():
-        about = {
+    reductions = [
+        {
+            "target": name,
+            "reduction": reduction,
+            "rms_percent": 100.0 * deviation.rms,
+            "worst_percent": 100.0 * deviation.worst,
+            "where": deviation.where,
+        }
+        for name, made in exports.items()
+        for reduction, deviation in made.reductions.items()
+    ]
+    rows = [
+        {
+            "target": name,
+            "file": file,
             "holds": TARGETS[name].holds,
             "reduced": ", ".join(made.reductions) or "nothing",
             "worst_percent": 100.0 * max((d.worst for d in made.reductions.values()), default=0),
         }
-        rows += [{"target": name, "file": file, **about} for file in made.files]
-        reductions += [
-            {
-                "target": name,
-                "reduction": reduction,
-                "rms_percent": 100.0 * deviation.rms,
-                "worst_percent": 100.0 * deviation.worst,
-                "where": deviation.where,
-            }
-            for reduction, deviation in made.reductions.items()
-        ]
+        for name, made in exports.items()
+        for file in made.files
+    ]
     valid = law.validity
     return Summary(
         stage="export",

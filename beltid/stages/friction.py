@@ -47,30 +47,21 @@ COEFFICIENTS: Final = (
     *("k_quadratic_N_m3", "k_quadratic_se_N_m3", "k_quadratic_u_N_m3"),
 )
 MOST_BRANCH_POINTS: Final = 120
-HELD: Final = 0.005
-"""Difference of the spans at rest over the initial tension above which a warning names it [-]."""
+HELD: Final = 0.005  # difference of the spans at rest over the initial tension, warned of [-]
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
-CONSTANT: Final = 0.03
-"""Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
+CONSTANT: Final = 0.03  # change of the sum of tensions with which a hub force is constant [-]
 TOUCH_DEG: Final = 360.0  # arc beyond which the turns of the belt may touch each other
 TOUCHING: Final = "wrapped by a whole turn or more: where turns touch, they rub on each other"
-TRAVEL_M: Final = (1e-4, 1e-3)
-"""Travel of the pulley's surface until the belt slides, on usual benches [m]."""
-WITHIN: Final = 3.0
-"""Factor by which the travel may leave this range, and that of the stated belt and span."""
-RADIUS: Final = 0.2
-"""Relative deviation allowed between the stated radius and torque over force difference."""
-REST: Final = 0.05
-"""Relative deviation allowed for the tension at rest: friction that the belt holds."""
-MASS: Final = 0.2
-"""Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
+TRAVEL_M: Final = (1e-4, 1e-3)  # travel of the pulley's surface until the belt slides, usually [m]
+WITHIN: Final = 3.0  # factor by which it may leave this range, and that of the stated belt and span
+RADIUS: Final = 0.2  # deviation between the stated radius and torque over force difference [-]
+REST: Final = 0.05  # deviation of the tension at rest: friction that the belt holds [-]
+MASS: Final = 0.2  # deviation of the ratio of cell and weight from that of a mass to its weight [-]
 MOST_ARCS: Final = 4
 MOST_SET_ASIDE: Final = 12  # number of runs set aside that are kept for inspection
-MOST_RUNS: Final = 480
-"""Number of runs of a campaign that are kept as small pictures: the first ones."""
+MOST_RUNS: Final = 480  # number of runs of a campaign that are kept as small pictures: the first
 SMALL_SAMPLES: Final = 80
-MOST_SAMPLES: Final = 1200
-"""Number of samples kept of a run; a longer run keeps the extremes of neighbouring samples."""
+MOST_SAMPLES: Final = 1200  # number of samples kept of a run: of a longer one, the extremes
 
 
 def contact_law(press: Recording, config: Config) -> Outcome[StiffnessResult]:
@@ -250,10 +241,9 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
 
 
 def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
-    """Return the records of the runs of a recording.
+    """Return the records of the runs of a recording; the simulated rig has perfect load cells.
 
-    That of the simulated rig holds the tensions of both spans from perfect load cells, for every
-    kind of bench. Only the span of a dead weight has no cell: its tension is the initial tension.
+    Only the span of a dead weight has no cell there: its tension is the initial tension.
     """
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
@@ -300,16 +290,15 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
         growth = float(np.median(ratios or 1.0))
         if abs(growth - 1.0) > CONSTANT:
             yield (
-                f"the hub force is not constant, but {growth:.3g} times that at rest: if its load "
-                "cell holds the slide of the pulley, state rig.holds: stretch"
+                f"the hub force is {growth:.3g} times that at rest: if its load cell holds the "
+                "slide of the pulley, state rig.holds: stretch"
             )
     if shares := [abs(run.held) for run in good if abs(run.held) > HELD]:
         yield (
             f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
-            f"tension (median of {counted(len(shares), 'run')} of {len(good)}): held "
-            "friction, or gains of the cells. Turn the pulley back and forth before the rest and "
-            "state friction.free_at_rest: true, or add runs in the other direction; state the "
-            "error of the gains as uncertainty.cell_gain_rel"
+            f"tension ({counted(len(shares), 'run')} of {len(good)}): held friction, or gains. "
+            "Turn the pulley back and forth before the rest and state friction.free_at_rest: true, "
+            "add runs in the other direction, or state uncertainty.cell_gain_rel"
         )
     if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
         yield f"{TOUCHING} ({listed(touching)})"
@@ -346,11 +335,7 @@ def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKi
 def _contradiction(
     config: Config, run: str, column: str, found: str, factor: float, meant: Sequence[str] = ()
 ) -> str:
-    """Describe what contradicts a column, with the unit that would resolve it.
-
-    `factor` would make its numbers plausible, `meant` are the units that may be meant (empty: any).
-    Empty with a calibration in the config.
-    """
+    """Describe what contradicts a column, and the unit by which `factor` makes it plausible."""
     stated, ours = config.units["rig"].get(column), table("rig").column(column).unit
     if isinstance(stated, dict):
         return ""
@@ -388,11 +373,7 @@ def _weights(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
 
 
 def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Iterator[str]:
-    """Torque over force difference is the radius.
-
-    Both ends of the belt are held: the tension at rest lies between the logarithmic mean of both
-    tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
-    """
+    """Torque over force difference is the radius, by the tension at rest of a belt held twice."""
     beside = kind.span_beside_torque
     if beside is None or kind.weight_stated:  # a weight holds no end
         return
@@ -410,9 +391,8 @@ def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
     if low > 1.0 + RADIUS or high < 1.0 / (1.0 + RADIUS):
         nearest = low if low > 1.0 else high
         found = (
-            f"torque over force difference gives {nearest:.2g} times rig.pulley_radius_m by the "
-            f"change of tension_{beside}_N, must be the radius within {100 * RADIUS:g} % (an idle "
-            "run takes off the drag of the bearings)"
+            f"torque over force difference gives {nearest:.2g} times rig.pulley_radius_m by "
+            f"the change of tension_{beside}_N, must be it within {100 * RADIUS:g} % (less drag)"
         )
         yield _contradiction(config, label, "torque_N_m", found, 1.0 / nearest)
 
@@ -420,7 +400,7 @@ def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
 def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
     """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
 
-    `measured_N` is the tension of one span while the belt slides, `sign` +1 for the slack one.
+    That at rest is the logarithmic mean of both (the arc alone stretches) to their mean (spans do).
     """
     y = sign * np.linspace(1e-3, 12.0, 4000)
     logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one
@@ -464,10 +444,8 @@ def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tupl
         samples.setdefault(label, SMALL_SAMPLES)
     records = {record.result.run: record for record in records_of(rig, config)}
     if missing := sorted(set(samples) - set(records)):
-        raise InputError(
-            f"{rig.path}: has no run {listed(missing)}; {friction.path} was made from another "
-            "recording"
-        )
+        of = f"{friction.path} was made from another recording"
+        raise InputError(f"{rig.path}: has no run {listed(missing)}; {of}")
     parts = [_thinned(records[run], most) for run, most in samples.items()]
     return Outcome(joined(parts), tuple(samples))
 

@@ -32,8 +32,7 @@ UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
 NEAR_DEGC: Final = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
 ROUNDING: Final = 1e-9  # relative
-NEGLIGIBLE: Final = 1e-3
-"""Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
+NEGLIGIBLE: Final = 1e-3  # relative error of a speed that changes mu by a few parts in ten thousand
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -59,10 +58,7 @@ def load_law(path: str | Path) -> ContactLaw:
 
 
 def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
-    """Load the averaged friction surface of a surface artifact.
-
-    It has its uncertainty: ``.mu_u(f, v)``, the combined standard uncertainty, and
-    ``.band(f, v, level)``.
+    """Load the averaged friction surface, with its uncertainty ``.mu_u(f, v)`` and ``.band``.
 
     Parameters
     ----------
@@ -202,10 +198,7 @@ def ok_rows(friction: Columns) -> np.ndarray:
 
 
 def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
-    """Fill in the nominal tension of runs that do not state one.
-
-    It is that at rest, else the mean of both while sliding; under a constant hub force the mean.
-    """
+    """Fill in nominal tensions: that at rest, else the mean while sliding (hub force: first)."""
     setting = np.asarray(friction["nominal_tension_N"], dtype=float)
     unknown = np.full(setting.size, np.nan)
     rest, tight, slack = (
@@ -257,10 +250,7 @@ def friction_of(surface: Artifact) -> Artifact | None:
 
 
 def standard_uncertainties(config: Config) -> StandardUncertainties:
-    """Return the standard uncertainties of a config in SI, and which of them were stated.
-
-    Without a torque cell those of the torque are zero, and that of the mass if no belt runs.
-    """
+    """Return standard uncertainties in SI, and which were stated; zero for what a rig lacks."""
     section = config.uncertainty
     values = {UNIT.sub("", key): value for key, value in section.si().items()}
     if not config.rig.running:

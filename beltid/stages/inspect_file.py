@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,29 +28,31 @@ from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
 SHOWN_RUNS: Final = 8
-Sections = dict[str, dict[str, list[str]]]
-"""Section of a config -> kind of recording -> its lines."""
 SETTINGS: Final = {
     "rig.arcs_deg": ("arc_deg",),
     "rig.initial_tensions_N": ("initial_tension_N", "weight_N"),
     "rig.pulley_speeds_rad_s": ("pulley_speed_rad_s",),
 }
 """List of the config -> columns of a recording that contain it, in the order of `SAME_SETTING`."""
-MOST_SETTINGS: Final = 30
-"""Number of values above which every run is assumed to have its own setting."""
+MOST_SETTINGS: Final = 30  # number of values above which every run has its own setting
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
     """Summarise how files, folders, patterns or zip files are read."""
-    if len(paths) == 1:
-        return _summary(source.config, paths[0], kind)
     parts = []
     for path in paths:
         try:
             parts.append(_summary(source.config, path, kind))
         except InputError as error:
-            failed = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
-            parts.append(replace(failed, verdict=f"cannot be read: {error.problems[0]}"))
+            if len(paths) == 1:
+                raise
+            about: dict[str, Any] = {
+                "warnings": error.problems,
+                "verdict": f"cannot be read: {error.problems[0]}",
+            }
+            parts.append(Summary("inspect", str(path), exit_status=EXIT_INPUT, **about))
+    if len(parts) == 1:
+        return parts[0]
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
     return Summary(
         stage="inspect",
@@ -132,16 +133,16 @@ def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
         lines += ["data:", f"  {kind}: {value_text(path.absolute())}"]
     if inspection.rig:
         lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]
-    lines += section_lines([file_sections(inspection, config)])
+    lines += section_lines([inspection], config)
     lines += [f"# still missing: {problem}" for problem in dict.fromkeys(inspection.problems)]
     return "\n".join(lines) + "\n"
 
 
-def section_lines(of_files: Sequence[Sections]) -> list[str]:
+def section_lines(inspections: Sequence[Inspection], config: Config) -> list[str]:
     """Return the config sections about files, kind by kind; without an entry they are comments."""
     lines = []
-    for name in ("columns", "units", "runs"):
-        stated = {kind: of for found in of_files for kind, of in found.get(name, {}).items() if of}
+    for name, entries in (("columns", _columns), ("units", _units), ("runs", _runs)):
+        stated = {i.kind: of for i in inspections if i.kind and (of := entries(i, config))}
         mark = "# " if all(line[0] == "#" for of in stated.values() for line in of) else ""
         lines += [f"{mark}{name}:"] if stated else []
         for kind, of in stated.items():
@@ -149,27 +150,18 @@ def section_lines(of_files: Sequence[Sections]) -> list[str]:
     return lines
 
 
-def file_sections(inspection: Inspection, config: Config) -> Sections:
-    """Return the entries of columns, units and runs that read these files."""
-    kind, found = inspection.kind, inspection.found
-    if not kind:
-        return {}
-    columns = [
+def _columns(inspection: Inspection, config: Config) -> list[str]:
+    return [
         f"    {role}: {value_text('-' * match.negated + match.channel.name)}"
         + ("  # recognised by its name" if match.how == "recognised" else "")
-        for role, match in found.items()
+        for role, match in inspection.found.items()
         if match.how != "own name"
     ]
-    return {
-        "columns": {kind: columns},
-        "units": {kind: _units(inspection, config.units[kind])},
-        "runs": {kind: _runs(inspection, config.runs[kind])},
-    }
 
 
-def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
+def _units(inspection: Inspection, config: Config) -> list[str]:
     """Return the units of the config, else of the file; the others, by default, as comments."""
-    lines, comments = [], []
+    lines, comments, stated = list[str](), list[str](), config.units[inspection.kind]
     columns = {
         c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
     }
@@ -186,8 +178,9 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     return lines + comments
 
 
-def _runs(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
+def _runs(inspection: Inspection, config: Config) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
+    stated = config.runs[inspection.kind]
     table = stated["table"] and stated["table"].absolute()
     keys = {"pattern": stated["pattern"], "table": table, "values": dict(stated["values"])}
     entries = [f"    {key}: {value_text(value)}" for key, value in keys.items() if value]
@@ -206,23 +199,22 @@ def new_config(
     _config(values)  # checks the name
     recordings = {f"recording {file}": file for file in files}
     check_place(path, (".yaml", ".yml"), inputs=recordings, force=force)
-    problems, sections = list[str](), []
+    problems, inspections = list[str](), list[Inspection]()
     for file in files:
         try:
-            inspection = _inspected(file)
+            inspections.append(_inspected(file))
         except InputError as error:
             problems += error.problems
             continue
-        key, found = f"data.{inspection.kind}", _stated_by(inspection)
+        key, found = f"data.{inspections[-1].kind}", _stated_by(inspections[-1])
         if key in values:
             problems.append(f"{file}: a second recording for {key}, beside {values[key]}")
         values |= {key: Path(os.path.relpath(file, path.parent)).as_posix(), **found}
         sources |= {key: "recognised by its channels", **dict.fromkeys(found, f"from {file}")}
-        sections.append(file_sections(inspection, Config()))
     if problems:
         raise InputError(problems)
     config = _config(values)
-    text = "\n".join([template_text(config, sources), *section_lines(sections), ""])
+    text = "\n".join([template_text(config, sources), *section_lines(inspections, Config()), ""])
     write_bytes(path, text.encode())
     rows = [
         {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
@@ -252,8 +244,7 @@ def _inspected(file: Path) -> Inspection:
     inspection = inspect_recording(file, Config(), guess=True)
     if not inspection.kind:
         raise InputError(
-            f"{file}: recording of an unknown bench, must be of {', '.join(KINDS)}; "
-            f"`beltid inspect {file}` shows its channels"
+            f"{file}: of an unknown bench, must be {', '.join(KINDS)}; see `beltid inspect {file}`"
         )
     for line in inspection.problems[:1]:
         more = f"`beltid inspect {file}` lists everything that must be stated"

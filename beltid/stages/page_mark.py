@@ -17,7 +17,7 @@ from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
 from beltid.store.artifact import read_artifact
-from beltid.store.disk import FOREIGN, OURS, check_place, page_source_sha256, read_bytes, sha256
+from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
 NAME: Final = "report.html"
 SUFFIXES: Final = (".html", ".htm")
@@ -46,10 +46,8 @@ class OnPage:
     """A belt on a page, by the results in its folder."""
 
     folder: Path
-    recordings: Collection[str] = ()
-    """Kinds that its config names, results of others are not shown; empty if it is not known."""
-    made: Collection[str] | None = None
-    """Names of the results that `run` has made or found up to date; others are not shown."""
+    recordings: Collection[str] = ()  # kinds that its config names; results of others are hidden
+    made: Collection[str] | None = None  # results that `run` has made or kept; others are hidden
     failures: tuple[str, ...] = ()  # stages that failed, each with its exit status and its message
 
     def is_left(self, name: str) -> bool:
@@ -79,7 +77,7 @@ def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
     """Return the mark of a page of belts; empty if that at `out` is up to date and not edited."""
     check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
     links = links_to(belts, out) if len(belts) > 1 else []
-    record = [__version__, page_source_sha256(), links, [belt.content() for belt in belts]]
+    record = [__version__, source_sha256(of_page=True), links, [belt.content() for belt in belts]]
     mark = sha256(json.dumps(record).encode())
     if force or not out.exists() or mark_of(out) != mark:
         return mark
@@ -90,7 +88,7 @@ def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
 
 def mark_of(page: Path) -> str | None:
     """Return the mark of a report page; None for any other file."""
-    with page.open("rb") as file:
+    with opened(page, ArtifactError) as file:
         match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
     return match and match[1]
 

@@ -47,8 +47,7 @@ from beltid.uncertainty.sources import (
     sources_of,
 )
 
-USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
-"""Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""
+USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)  # of the paper's 5PK belt, before any measurement
 MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
 MOST_STATEMENTS: Final = 6
 COLUMNS: Final = (
@@ -91,10 +90,8 @@ def planned(
         notes.append(f"used as stated when the surface was made: {', '.join(other)}")
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
     if noise_of is None:
-        notes.append(
-            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
-            "--from friction.parquet uses that of its runs"
-        )
+        size = f"{100.0 * noise.friction:g} % of mu and {noise.tension:g} N"
+        notes.append(f"assumed noise of a run: {size}; --from friction.parquet states it")
     log.info("%d candidates, simulated with the present surface", len(points))
     try:
         bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
@@ -182,10 +179,8 @@ def _thinned(values: Sequence[float]) -> list[float]:
 def _known_surface(surface: Any) -> SurfaceUncertainty:
     """Return the known surface of an artifact or a result."""
     if not isinstance(surface, (Artifact, Outcome)) or surface.kind != "surface":
-        raise ArgumentTypeError(
-            f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
-            "the plan needs its covariance by source"
-        )
+        allowed = "the result of refine_surface or build_surface, which has a covariance"
+        raise ArgumentTypeError(f"surface = {shown(surface)}, must be {allowed}")
     found, stored = surface_from(surface), surface.facts.get("uncertainty")
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
@@ -250,19 +245,18 @@ def _verdict(plan: Plan, goal_u: float) -> str:
     """State whether to continue or to stop, and why."""
     before, after, goal = 100.0 * plan.before, 100.0 * plan.after, 100.0 * goal_u
     if plan.stop is None:
-        return (
-            f"{counted(len(plan.chosen), 'run')}: uncertainty of mu {before:.3g} % -> {after:.2g} %"
-            f", goal {goal:g} % {'reached' if after <= goal else 'not reached'}"
+        runs, reached = (
+            counted(len(plan.chosen), "run"),
+            "reached" if after <= goal else "not reached",
         )
+        change = f"uncertainty of mu {before:.3g} % -> {after:.2g} %"
+        return f"{runs}: {change}, goal {goal:g} % {reached}"
     if plan.stop == "goal reached":
         return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
     if plan.stop == "runs do not help":
         return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
-    text = (
-        f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs, further "
-        f"ones hardly lower its uncertainty, {before:.2g} %"
-    )
+    text = f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs"
     if best := plan.best_statement:
-        text += f"; halving the uncertainty of {best.source.name} would help most and give "
-        text += f"{100.0 * best.halved:.2g} %"
+        halved = f"halving the uncertainty of {best.source.name} would help most"
+        text += f"; {halved} and give {100.0 * best.halved:.2g} % in place of {before:.2g} %"
     return text

@@ -13,7 +13,6 @@ import numpy as np
 
 from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
-from beltid.notes import log
 from beltid.params import OperatingPoint
 from beltid.report.page import belt_page, belts_page, rendered
 from beltid.report.results import BeltResults, Sheet, sheet_of
@@ -53,20 +52,19 @@ def run(
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
     belts = [OnPage(folder, recordings_of(folder)) for folder in folders]
+    pages = {belt.folder / NAME: [belt] for belt in belts}
     if len(belts) == 1:
-        return write_page(belts, out or folders[0] / NAME, force=force)
-    single = [write_page([belt], belt.folder / NAME, force=force) for belt in belts]
-    above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
-    comparison = write_page(belts, out or above / NAME, force=force)
-    if comparison.up_to_date and not all(summary.up_to_date for summary in single):
-        log.info("%s is up to date", comparison.out)
-    return comparison
+        pages = {out or folders[0] / NAME: belts}
+    else:
+        above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
+        pages[out or above / NAME] = belts
+    made = [write_page(of, p, mark_to_write(of, p, force=force)) for p, of in pages.items()]
+    return made[-1]
 
 
-def write_page(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summary:
-    """Write the page of a belt, or one that compares several with links; unless it is in date."""
+def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
+    """Write the page of a belt, or one that compares several with links; without a mark none."""
     facts, results = dict[str, Any](), [gather(belt) for belt in belts]
-    mark = mark_to_write(belts, out, force=force)
     if mark:
         if len(belts) > 1:
             page = belts_page(results, links_to(belts, out), mark)

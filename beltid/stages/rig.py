@@ -66,8 +66,7 @@ KEYS: Final = {
 """Column of a setting in the friction table -> its list in the section `rig`."""
 OPTIONS: Final = ("--arc", "--tension", "--speed")
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
-STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
-"""The sliding state of a run."""
+STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")  # sliding
 PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
@@ -158,18 +157,15 @@ def finished(results: Results) -> dict[PlannedRun, RunResult]:
 
 def rows_of_runs(results: Results) -> list[dict[str, Any]]:
     """Return a row per run: settings, sliding state, status."""
-    rows = []
-    for run, result in results.items():
-        failed = isinstance(result, BeltidError)
-        rows.append(
-            {
-                "run": run.label,
-                **{name: getattr(run, name) for name in SETTINGS},
-                **{name: None if failed else getattr(result, name) for name in STATE},
-                "status": "; ".join(result.problems) if isinstance(result, BeltidError) else "ok",
-            }
-        )
-    return rows
+    return [
+        {
+            "run": run.label,
+            **{name: getattr(run, name) for name in SETTINGS},
+            **{name: getattr(result, name, None) for name in STATE},
+            "status": "; ".join(getattr(result, "problems", ["ok"])),
+        }
+        for run, result in results.items()
+    ]
 
 
 def planned_runs(
@@ -177,19 +173,13 @@ def planned_runs(
     friction: Columns | None = None,
     picked: Sequence[Sequence[float]] = ((), (), ()),
 ) -> tuple[PlannedRun, ...]:
-    """Return the runs to simulate, in the order of the setting lists.
-
-    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that are wanted; empty: all.
-    """
+    """Return the runs to simulate; `picked` are the wanted arcs, tensions, speeds (empty: all)."""
     measured = None if friction is None else measured_settings(friction, config)
     lists = setting_lists(config, measured)
     settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
     if not settings:
         keys = ", ".join(f"rig.{key}" for key in KEYS.values())
-        raise InputError(
-            f"no usable run has an arc, a tension at rest and a speed; state the settings to "
-            f"simulate: {keys}"
-        )
+        raise InputError(f"no usable run has an arc, a tension at rest and a speed; state {keys}")
     problems, wanted = list[str](), []
     for option, values, of, gap in zip(OPTIONS, picked, lists, SAME_SETTING.values(), strict=True):
         near = {value: _same_setting(np.array(of), value, gap) for value in values}
@@ -224,10 +214,7 @@ def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list
 
 
 def measured_settings(friction: Columns, config: Config) -> np.ndarray:
-    """Return the settings of the usable runs of a bench, each combination once.
-
-    Repeated settings lose the scatter of motors and weights; distinct ones are as measured.
-    """
+    """Return the settings of the usable runs, each combination once, without small scatter."""
     settings = with_tensions(friction, config)
     rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
     rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]

@@ -1,8 +1,7 @@
 """The steps of the method, in the order of the work: what each reads, uses and makes.
 
 A step is the command of its name, the Python function, and the step of the chain; its docstring is
-the help of the command. The work of a step stands in the module that it names,
-which is imported when it is called.
+the help of the command. Its work stands in the module that it names, imported when it is called.
 
 In Python, a recording or a table of runs is a DataFrame, a pyarrow Table or a mapping with the
 columns of its file; reduced runs are also the `Outcome` of `fit_friction`. A surface is a
@@ -33,13 +32,10 @@ OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
 def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Identify the normal contact law, Eq. (3), from the recording of a compression press.
 
-    The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
-    Contact point, machine compliance, load cycles and hysteresis are taken into account; a
-    statistical test shows whether temperature matters.
-
-    The config states the length of belt under the press (press.segment_length_cm, default 4) and
-    the compliance of the press (press.machine_compliance_mm_N, default 0): both scale the law, so
-    state your own.
+    The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration²; a
+    statistical test shows whether temperature matters. The length of belt under the press
+    (press.segment_length_cm, default 4) and the compliance of the press
+    (press.machine_compliance_mm_N, default 0) scale the law: state your own in the config.
 
     Parameters
     ----------
@@ -67,9 +63,8 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Find the sliding speeds in service, Eq. (7), from the speed loss of a two-pulley drive.
 
-    They show at which pulley speeds to run the friction rig for this belt. The sliding speed is the
-    speed loss times the radius of the driver under drive: in the config, else
-    rig.pulley_radius_m, default 0.05.
+    They show at which pulley speeds to run the friction rig. The sliding speed is the speed loss
+    times the radius of the driver under drive: in the config, else rig.pulley_radius_m.
 
     Parameters
     ----------
@@ -79,8 +74,7 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     Returns
     -------
     Outcome
-        A row per run; ``.facts["rig_speeds_proposed_rad_s"]`` has the pulley speeds that the
-        friction rig must cover.
+        A row per run; ``.facts["rig_speeds_proposed_rad_s"]``: what the friction rig must cover.
 
     Examples
     --------
@@ -99,12 +93,9 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Find the friction coefficient of every run of the friction rig, Eqs. (5) to (8).
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
-    standard error, the sticking peak, the sliding speed and the normal force per length. Every
-    coefficient depends on the stated contact arc. A run that cannot be used is set aside, and the
-    reason is given.
-
-    Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
-    unless the config states rig.pulley_radius_m, for recordings of any bench.
+    standard error, the sticking peak, the sliding speed and the normal force per length. They
+    depend on the stated contact arc and on the radius of the belt's centreline on the pulley, 0.05
+    m unless the config states rig.pulley_radius_m. A run that cannot be used is set aside.
 
     The channels tell what the rig measures: two cells, a weight and a cell, a torque and a cell or
     weight, a torque and the hub force; with belt_speed_m_s the belt moves.
@@ -151,9 +142,8 @@ def build_surface(
     """Build the friction surface: the coefficient over normal force and sliding speed.
 
     One surface per contact arc and their average, as bicubic splines through the measured values;
-    outside the measured range the nearest measured value is used. Runs with different surface
-    conditions (dry, wet, dusty) or belt sides are never combined: select with --condition and
-    --side.
+    outside the measured range the nearest measured value is used. Runs with different conditions of
+    the surface or belt sides are never combined: select with --condition and --side.
 
     Parameters
     ----------
@@ -197,9 +187,8 @@ def refine_surface(
 
     The published procedure assigns each coefficient to the mean force on the arc and neglects that
     a stiff belt presses harder where it enters and leaves the pulley. Here the surface is the
-    solution of an inverse problem over all arcs; the data determine its smoothness. Prints the
-    remaining difference between simulated and measured coefficients and an uncertainty budget;
-    state the uncertainties of your benches under uncertainty: in the config.
+    solution of an inverse problem over all arcs. Prints the remaining difference and an uncertainty
+    budget; state the uncertainties of your benches under uncertainty: in the config.
 
     Parameters
     ----------
@@ -250,7 +239,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     file=_campaign_file,
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
-    guests=("friction",),
     finds=_friction_beside,
 )
 def simulate_recording(
@@ -268,11 +256,10 @@ def simulate_recording(
 ) -> Outcome[Any]:
     """Simulate the runs of the friction rig with the identified laws, Eqs. (9) to (12).
 
-    A flexible belt (ANCF beam elements) is laid on the pulley and tightened, and the pulley turns:
-    stick, slip and full sliding. All measured runs are simulated, each setting once, or the
-    selected ones; lists under rig: of the config take precedence over what was measured. The result
-    has the columns of a bench recording; runs selected by --arc, --tension or --speed go to
-    simulated_part.parquet and never replace the whole campaign.
+    A flexible belt (ANCF beam elements) is laid on the pulley and tightened, and the pulley turns.
+    All measured runs are simulated, each setting once; lists under rig: of the config take
+    precedence. The result has the columns of a bench recording; runs selected by --arc, --tension
+    or --speed go to simulated_part.parquet.
 
     Parameters
     ----------
@@ -311,27 +298,23 @@ def simulate_recording(
 def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Compare simulated and measured friction coefficients, run by run; exit 0 or 4.
 
-    The simulated recording goes through the same reduction as the measured one. Prints differences
-    per arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by arc,
-    tension and speed. A recording in the place of simulated.parquet compares two benches, or a
-    bench and another program.
-
-    Default tolerances: RMS 6 %, mean magnitude 5 %, largest 20 %; change them under compare: in the
-    config. Exit 4 also if fewer than half of the usable measured runs have a simulated partner.
+    The simulated recording goes through the same reduction as the measured one; runs are matched by
+    arc, tension and speed. A recording in the place of simulated.parquet compares two benches, or a
+    bench and another program. Default tolerances: RMS 6 %, mean magnitude 5 %, largest 20 %; change
+    them under compare: in the config. Exit 4 also if fewer than half of the usable measured runs
+    have a simulated partner.
 
     Parameters
     ----------
     friction, simulated, config
         The reduced runs of the bench; a simulated recording with the columns of rig.csv from
-        perfect load cells, or reduced runs (for a second bench, of its recording by
-        `fit_friction`), or the table of `simulate_campaign`; tolerances, and for a recording the
-        settings of its reduction.
+        perfect load cells, or reduced runs (of a second bench, by `fit_friction`), or the table of
+        `simulate_campaign`; tolerances, and for a recording the settings of its reduction.
 
     Returns
     -------
     Outcome
-        A row per matched point; ``.result`` has ``passed`` and the statistics per arc, averaged,
-        and for low, middle and high force.
+        A row per matched point; ``.result`` has ``passed`` and the statistics.
 
     Raises
     ------
@@ -405,10 +388,9 @@ def predict_drive(
 ) -> Outcome[Any]:
     """Predict a belt drive: speed loss, belt tensions, hub forces, reserve against slip.
 
-    The section drive: of the config describes the drive; the contact is that of the identified
-    laws. The belt is an extensible string with mass on the elastic bed of its ribs, or a rod with
-    bending stiffness. Every speed loss is split into creep, seating and slip and has an
-    uncertainty. One row per operating point and pulley.
+    The section drive: of the config describes the drive. The belt is an extensible string with mass
+    on the elastic bed of its ribs, or a rod with bending stiffness. Every speed loss is split into
+    creep, seating and slip and has an uncertainty. One row per operating point and pulley.
 
     Parameters
     ----------
@@ -445,9 +427,9 @@ def simulate_drive(config: ConfigLike, surface: Any, law: Any) -> Outcome[Any]:
 def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Compare predicted and measured speed losses of a drive; exit 0 or 4.
 
-    Nothing is fitted to this recording: it is an independent test of the identified laws, and shows
-    which of creep, seating and slip it can resolve. Points below a fifth of the largest torque are
-    not judged. Default tolerance: RMS 10 %; change it under compare_drive: in the config.
+    Nothing is fitted to this recording: it is an independent test of the identified laws. Points
+    below a fifth of the largest torque are not judged. Default tolerance: RMS 10 %; change it under
+    compare_drive: in the config.
 
     Parameters
     ----------
@@ -473,7 +455,6 @@ def _plan_bytes(outcome: Outcome[Any]) -> bytes:
     file="plan.csv",
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction", "plan"),
-    guests=("friction",),
     writes=_plan_bytes,
 )
 def plan_runs(
@@ -488,12 +469,10 @@ def plan_runs(
     """Plan the next runs of the friction rig, or report that no more are needed.
 
     Selects, from the settings under plan: in the config, the runs that minimise the uncertainty of
-    the refined surface, averaged over all their forces and speeds. Errors that all runs share (load
-    cells, arcs, radius, bending stiffness) are taken from uncertainty: in the config. Prints the
-    uncertainty of each region before and after. Prints stop if the goal is reached or further runs
-    do not help; then it names the shared error whose reduction would help most. Without SURFACE and
-    STIFFNESS it starts from values typical of such a belt. One row per run in the order of the
-    session.
+    the refined surface, averaged over all their forces and speeds; errors that all runs share are
+    those under uncertainty: in the config. Prints stop if the goal is reached or further runs do
+    not help, and the shared error whose reduction would help most. Without SURFACE and STIFFNESS it
+    starts from values typical of such a belt. One row per run in the order of the session.
 
     Parameters
     ----------
@@ -510,8 +489,7 @@ def plan_runs(
     Returns
     -------
     Outcome
-        A row per run in the order of the session; ``.result.plan`` has their gain and whether to
-        stop.
+        A row per run; ``.result.plan`` has their gain and whether to stop.
 
     Raises
     ------

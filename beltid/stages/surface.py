@@ -22,7 +22,6 @@ from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
-    CONFOUNDED,
     TOGETHER,
     RefinedSurface,
     ShownEffect,
@@ -76,6 +75,7 @@ REASONS: Final = 3  # number of reasons for unusable runs that are reported, mos
 SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
 SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
 MOST_NOISE: Final = 3.0
+REMEDY: Final = "Measure in random order"
 EFFECTS: Final = {
     ARC: ("difference between arcs", "a wear track, or a wrong arc or load cell"),
     ORDER: ("steady change over the campaign", "run-in or wear; the surface holds for its middle"),
@@ -153,10 +153,7 @@ def rows_of_one(columns: Columns, rows: np.ndarray, chosen: Mapping[str, str | N
             if not rows.size:
                 raise InputError(f"no run has the {column} {wanted}; there are {there}")
         elif len(counts) > 1:
-            raise InputError(
-                f"runs of different {column} are never put into one surface: {there}; choose one "
-                f"with --{column}, and build another surface for the other"
-            )
+            raise InputError(f"runs of different {column}: {there}; choose one with --{column}")
     return rows
 
 
@@ -191,10 +188,7 @@ def said_of_surface(
 def _friction_formulas(
     surface: FrictionSurface, factor: np.ndarray
 ) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
-    """Fit the parametric friction laws to the nodes of a surface; a failure becomes a note.
-
-    `factor` (nf, nv, r) is that of the covariance of ln mu at the nodes. Returns rows and notes.
-    """
+    """Fit parametric friction laws to the nodes, `factor` (nf, nv, r): rows of a table, notes."""
     force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
     nodes = force.ravel(), speed.ravel(), surface.mu_nodes.ravel()
     try:
@@ -344,15 +338,11 @@ def prepared_campaign(
 
 
 def rig_of_runs(columns: Columns, config: Config) -> Rig:
-    """Return the rig that the runs are simulated on.
-
-    If no tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
-    """
+    """Return the rig of the runs; without tensions at rest their sum while sliding is given."""
     if "torque_with" in columns and config.rig.kind != "torque":
         raise InputError(
-            "column torque_with: the tensions of the friction table were measured together with a "
-            "torque, and the table does not say what else was; pass the result of fit_friction, "
-            "its DataFrame or its file"
+            "column torque_with: the tensions were measured with a torque, and the table does not "
+            "say of which rig; pass the result of fit_friction, its DataFrame or its file"
         )
     refuse_running(config)
     rig = config.rig_params()
@@ -392,10 +382,7 @@ def reference_temperature(config: Config, campaign: Campaign) -> float | None:
         return None
     temperature = campaign.measured.temperature_degC
     if temperature is None or not np.isfinite(temperature).any():
-        raise InputError(
-            "friction.correct_temperature: true, but no run has a temperature; found no values in "
-            "the column temperature_degC"
-        )
+        raise InputError("friction.correct_temperature: true, but no run has a temperature_degC")
     stated = config.friction.reference_temperature_degC
     return float(np.nanmean(temperature)) if stated is None else stated
 
@@ -426,47 +413,30 @@ def _disagreement(result: Refinement) -> Iterator[str]:
         if effect.is_clear:
             what, meaning = EFFECTS[effect.key]
             of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
-            digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
-            yield (
-                f"friction changes by {100 * effect.size:+.{digits}f} ± "
-                f"{100 * effect.uncertainty:.{digits}f} %{of} ({what}): {meaning}"
-            )
+            size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
+            digits = max(0, 1 - math.floor(math.log10(u)))
+            change = f"{size:+.{digits}f} ± {u:.{digits}f} %"
+            yield f"friction changes by {change}{of} ({what}): {meaning}"
     if scale > MOST_NOISE:
-        yield (
-            f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-            f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
-        )
+        usual = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
+        yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {usual}"
     for key, usual in unusual_effects(found).items():
-        yield (
-            f"{EFFECTS[key][0]}: larger than usual (standard deviation {percent(100 * usual)}); "
-            "the simulated rig may not fit"
-        )
+        shown = f"standard deviation {percent(100 * usual)}"
+        yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
     for name, size in contradictions(found).items():
-        yield (
-            f"{name}: the runs require an error of {size:.2g} standard uncertainties; it is stated "
-            "wrongly, or the simulated rig does not describe this bench"
-        )
+        yield f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
     for k in np.flatnonzero(found.weight < 0.5):
         yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
 
 
 def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     """Yield notes on effects that the runs cannot tell from the surface, or from others."""
-    hidden = [
-        f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
-        for effect in effects
-        if effect.is_confounded
-    ]
+    confounded = [effect for effect in effects if effect.is_confounded]
+    hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
     if hidden:
-        yield (
-            f"changed together with the force and the speed of the runs: {', '.join(hidden)}; "
-            f"above {100 * CONFOUNDED:g} % it cannot be told from them. Measure in random order"
-        )
+        yield f"changed with the force and the speed of the runs: {', '.join(hidden)}. {REMEDY}"
     if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
-        yield (
-            f"{', '.join(large)}: large, but not claimed: other effects or stated errors explain "
-            "the runs nearly as well. Measure in random order"
-        )
+        yield f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"
 
 
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
@@ -474,8 +444,6 @@ def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     EI = found.campaign.bench.belt.EI
     for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
         if source.error == "bending_stiffness":
-            yield (
-                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
-                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
-                f"{100 * source.size * sd:.2g} %"
-            )
+            stated = f"{EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis})"
+            shown = f"{EI * (1 + source.size * error):.4g} N m² ± {100 * source.size * sd:.2g} %"
+            yield f"bending stiffness: {stated}; with the runs it would be {shown}"

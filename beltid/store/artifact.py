@@ -13,7 +13,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -34,13 +34,10 @@ from beltid.tables import schemas
 
 RECORD_KEY: Final = b"beltid_record"
 SEAL_KEY: Final = b"beltid_seal"
-EARLIER_KEY: Final = b"beltid"
-"""Key of the metadata in files of earlier versions, which are not read."""
+EARLIER_KEY: Final = b"beltid"  # of the metadata in files of earlier versions, which are not read
 
-SEVERAL: Final = ("surface", "simulated", "compare")
-"""Kinds of which a belt has two, published and refined; the refined ones have their own name."""
-Origin = Literal["measured", "synthetic"]
-"""Origin of the data."""
+SEVERAL: Final = ("surface", "simulated", "compare")  # published and refined, with its own name
+Origin = Literal["measured", "synthetic"]  # of the data
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +191,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     stored = file.metadata.metadata or {}
     if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
-            again = _command(_kind_in(data) or kind or "")
+            again = _command(kind_in(data) or kind or "")
             raise ArtifactError(f"{path}: written by an earlier version; {again} makes it again")
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{needed}")
     text = stored[RECORD_KEY]
@@ -207,8 +204,8 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         raise ArtifactError(f"{path}: is a {record.kind} artifact{needed}")
     if record.version != table.version:
         raise ArtifactError(
-            f"{path}: schema version {record.version} of a {table.kind} artifact (written by "
-            f"{record.software}), must be {table.version}; {_command(table.kind)} makes it again"
+            f"{path}: schema version {record.version} of {record.software}, must be "
+            f"{table.version}; {_command(table.kind)} makes it again"
         )
     try:
         columns = columns_of_arrow(file.read(use_threads=False), table)
@@ -230,12 +227,8 @@ def may_be_artifact(path: Path) -> bool:
         return False
 
 
-def stated_kind(path: Path) -> str | None:
+def kind_in(data: bytes) -> str | None:
     """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
-    return _kind_in(path.read_bytes()) if path.is_file() else None
-
-
-def _kind_in(data: bytes) -> str | None:
     match = re.search(rb'"kind":"([a-z_]+)"', data) if b"beltid_s" in data else None
     return None if match is None else match[1].decode()
 
@@ -254,26 +247,17 @@ def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = (
 
 def misfits(artifacts: Sequence[Artifact]) -> list[str]:
     """Return a line for each misfit, only for the nearest causes."""
-    found: dict[int, list[str]] = {}
+    found: tuple[list[str], ...] = ([], [], [])  # with an input, its ancestor, another result
     for position, artifact in enumerate(artifacts):
-        for distance, line in _misfits_of(artifact, artifacts, artifacts[:position]):
-            found.setdefault(distance, []).append(line)
-    return found[min(found)] if found else []
-
-
-def _misfits_of(
-    artifact: Artifact, artifacts: Sequence[Artifact], earlier: Sequence[Artifact]
-) -> Iterator[tuple[int, str]]:
-    """Yield the misfits with its inputs (0), their ancestors (1), artifacts with the same (2)."""
-    for name, content in artifact.record.ancestors.items():
-        given = [other for other in artifacts if other.name == name]
-        if given and all(other.sha256 != content for other in given):
-            is_input = content in artifact.record.inputs.values()
-            yield 0 if is_input else 1, _line(artifact, name, given[0])
-        elif not given:
-            for other in earlier:
+        for name, content in artifact.record.ancestors.items():
+            given = [other for other in artifacts if other.name == name]
+            if given and all(other.sha256 != content for other in given):
+                is_input = content in artifact.record.inputs.values()
+                found[0 if is_input else 1].append(_line(artifact, name, given[0]))
+            for other in () if given else artifacts[:position]:
                 if other.record.ancestors.get(name, content) != content:
-                    yield 2, _line(artifact, name, other)
+                    found[2].append(_line(artifact, name, other))
+    return next(filter(None, found), [])
 
 
 def _line(artifact: Artifact, name: str, other: Artifact) -> str:

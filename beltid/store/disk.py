@@ -27,8 +27,7 @@ STALE_AFTER_S: Final = 3600.0
 HOST: Final = re.sub(r"\W", "", platform.node())[:32] or "host"
 FOREIGN: Final = "a file that beltid did not write"
 OURS: Final = ""
-ONLY_SHOW: Final = ("cli", "report", "__main__.py")
-"""Parts of the package that display results and cannot change them."""
+ONLY_SHOW: Final = ("cli", "report", "__main__.py")  # parts that cannot change a result
 REASONS: Final[dict[type[BaseException], str]] = {
     FileNotFoundError: "there is no such file",
     IsADirectoryError: "is a folder, a file is needed",
@@ -150,20 +149,10 @@ def sha256(data: bytes | memoryview) -> str:
 
 
 @functools.cache
-def source_sha256() -> str:
-    """Return the SHA-256 of all modules of this installation that can change a result."""
-    return _hash_of_sources((".py",), ONLY_SHOW)
-
-
-@functools.cache
-def page_source_sha256() -> str:
-    """Return the SHA-256 of all sources that can change a report page."""
-    return _hash_of_sources((".py", ".j2", ".css", ".js"), ("cli",))
-
-
-def _hash_of_sources(suffixes: tuple[str, ...], but: tuple[str, ...]) -> str:
-    package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
+def source_sha256(*, of_page: bool = False) -> str:
+    """Return the SHA-256 of all sources here that can change a result, or a report page."""
+    suffixes, but = ((".py", ".j2", ".css", ".js"), ("cli",)) if of_page else ((".py",), ONLY_SHOW)
+    package, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         if path.suffix in suffixes and name.parts[0] not in but:

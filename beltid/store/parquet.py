@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MAX_CELLS: Final = 500_000_000
-MAX_EXPANSION: Final = 20_000
-"""Largest number of cells per byte of file; constant columns compress well."""
+MAX_EXPANSION: Final = 20_000  # cells per byte of file; constant columns compress well
 
 
 def open_parquet(data: bytes, name: str, error_type: type[InputError]) -> Any:
@@ -74,7 +73,8 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
 
 def _typed(values: Any, column: Column) -> np.ndarray:
     if column.dtype == "string":
-        return np.array([None if is_missing(c) else str(c) for c in values], dtype=object)
+        texts = [c if type(c) is str else None if is_missing(c) else str(c) for c in values]
+        return np.array(texts, dtype=object)
     if column.dtype == "list":
         rows = [None if is_missing(row) else np.ravel(row) for row in values]
         length = column.length or max((len(row) for row in rows if row is not None), default=0)
@@ -126,9 +126,12 @@ def columns_of_arrow(arrow: pa.Table, table: Table) -> dict[str, np.ndarray]:
     for column in table.columns:
         if column.required or column.name in arrow.column_names:
             cells = arrow.column(column.name)
-            # with None for null; Arrow's own ways to numpy import pandas
+            # Arrow's own ways to numpy import pandas
             if column.dtype in ("list", "string", "bool") or cells.null_count:
-                columns[column.name] = cells.to_pylist()
+                found = cells.to_pylist()  # with None for null
+                columns[column.name] = (
+                    np.array(found, float) if column.dtype == "float64" else found
+                )
             else:
                 columns[column.name] = np.from_dlpack(cells.combine_chunks()).copy()
     return normalised(columns, table, "its table")

@@ -343,14 +343,10 @@ TABLES["simulated"] = replace(
 )
 RECORDINGS: Final = ("press", "rig", "speedloss", "points")
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
-CONDITIONS: Final = ("condition", "side")
-"""Columns with the conditions of a run."""
-WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")
-"""Columns of the friction table that only some rigs and recordings provide."""
-RUN_TEXTS: Final = ("idle", *CONDITIONS)
-"""Columns of a recording that stay empty if they are not stated."""
-NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
-"""Columns with the nominal settings of a run, constant within it."""
+CONDITIONS: Final = ("condition", "side")  # of a run
+WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")  # of some rigs
+RUN_TEXTS: Final = ("idle", *CONDITIONS)  # may be empty
+NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")  # constant within a run
 SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *RUN_TEXTS)
 """Columns with one value per run."""
 CELLS: Final = ("tension_tight_N", "tension_slack_N")

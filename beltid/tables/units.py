@@ -96,8 +96,7 @@ _SPELLINGS: Final[dict[str, str]] = {
     for word in words.split()
 }
 
-LONGEST: Final = 80
-"""Longest text that is checked for a unit [characters]."""
+LONGEST: Final = 80  # text that is checked for a unit [characters]
 
 _KNOWN: Final = {unit: unit for table in CONVERSIONS.values() for unit in table if unit != "1"}
 _BY_LOWER: Final[dict[str, str]] = {

@@ -100,11 +100,13 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
 def test_a_cluster_that_is_not_there_is_status_2_and_named(
     bench: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr(clusters, "CONNECT_WITHIN_S", 0.5)
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "named")
+    created: list[Any] = []
+    monkeypatch.setattr("distributed.Client", lambda *told, **more: created.append(told))
     done = beltid(bench, "run", "one.yaml", *arguments)
     assert done.exit_code == 2
     assert f"error: cluster {arguments[1] if arguments else 'named'}: " in done.stderr
+    assert len(created) == len(arguments[1:])  # of a malformed address: it would not end in silence
     assert not (bench / "runs").exists()
 
 

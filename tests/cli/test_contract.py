@@ -1,16 +1,23 @@
-"""What every command that writes a result keeps to: one test of each promise for all of them."""
+"""What every command that writes a result keeps to: one test of each promise for all of them.
+
+A result depends on the sections of the config that its stage names: no other can be read here.
+"""
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from beltid.stage import STAGES
+from beltid.config import Config, find_config
+from beltid.stage import RECORDINGS, STAGES, Stage
 from beltid.stages import steps  # noqa: F401  (registers the stages)
+from beltid.stages.page_mark import keep_curves
 
 CALLS = {
     "fit-stiffness": ("press.csv",),
@@ -38,6 +45,55 @@ def rough(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
 
 
+def poisoned(config: Config, uses: tuple[str, ...]) -> Config:
+    """A config that no other section than these can be read of."""
+
+    class Poisoned(Config):
+        def __getattribute__(self, name: str) -> Any:
+            if name in Config.model_fields and name not in uses:
+                raise AssertionError(f"the section {name} is read, but not among {uses}")
+            return super().__getattribute__(name)
+
+    return Poisoned.model_construct(config.model_fields_set, **dict(config))
+
+
+@pytest.fixture(autouse=True)
+def computed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Names of the stages that have computed, of a config without what they do not name."""
+    names: set[str] = set()
+
+    def guarded(compute: Callable[..., Any], stage: Stage) -> Any:
+        # of a recording, how it is read counts, too
+        recorded = any(kind in RECORDINGS or "rig" in kind for kind in stage.reads.values())
+        uses = (*stage.uses, *(("units",) if recorded else ()))
+
+        @functools.wraps(compute)  # the command is made from its docstring
+        def call(**given: Any) -> Any:
+            names.add(stage.name)
+            return compute(**{**given, "config": poisoned(given["config"], uses)})
+
+        return call
+
+    for stage in STAGES.values():
+        monkeypatch.setattr(stage, "compute", guarded(stage.compute, stage))
+    return names
+
+
+def test_the_poison_is_noticed() -> None:
+    config = poisoned(Config(), ("rig",))
+    assert config.rig_params().R > 0.0
+    with pytest.raises(AssertionError, match="the section belt is read"):
+        config.belt_params()
+
+
+def test_a_second_bench_and_the_curves_of_the_report_need_no_other_section(
+    bench: Path, beltid: Any, computed: set[str]
+) -> None:
+    assert beltid("compare", "friction.parquet", "rig.csv", "-o", "benches.parquet").exit_code == 0
+    keep_curves(find_config(None, bench / "beltid.yaml"), bench)
+    assert computed == {"compare", "press-curves", "rig-curves"}
+
+
 def state(folder: Path) -> dict[str, bytes]:
     return {str(p): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
@@ -48,10 +104,11 @@ def test_every_step_is_a_command_with_a_contract() -> None:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_a_command_writes_its_file_and_says_what_it_wrote(
-    name: str, bench: Path, beltid: Any
+    name: str, bench: Path, beltid: Any, computed: set[str]
 ) -> None:
     (bench / FILES[name]).unlink(missing_ok=True)
     done = beltid(name, *CALLS[name], "--json")
+    assert computed == {name}
     assert done.exit_code in ((0, 4) if name in JUDGING else (0,)), done.stderr
     said = json.loads(done.stdout)
     assert said["command"] == name

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from beltid.config import Config, load_config
-from beltid.config.checks import ListOf, Number
-from beltid.config.fields import Section, key_of
+from beltid.config.checks import ListOf, Number, Section, check_of
 from beltid.errors import EXIT_INPUT, ConfigError
 
 SEVERAL = """\
@@ -131,7 +130,7 @@ NUMBERS = [
     (name, key, check.check if isinstance(check, ListOf) else check, isinstance(check, ListOf))
     for name, of in sections().items()
     for key in of.model_fields
-    for check in [key_of(of, key).check]
+    for check in [check_of(of, key)]
     if isinstance(check, Number) or (isinstance(check, ListOf) and isinstance(check.check, Number))
 ]
 

@@ -42,7 +42,7 @@ def bench(tmp_path: Path, part_of_rig: Callable[..., str]) -> Path:
 
 
 def run(name: str, out: Path, first: Path, **files: Path) -> Artifact:
-    return STAGES[name].run(find_config(first), files, out).artifact
+    return STAGES[name].run(find_config(first), files, out)[0]
 
 
 def test_the_cells_of_the_second_bench_are_taken_off(bench: Path) -> None:
