@@ -172,15 +172,15 @@ class Simulator:
         length = 0.0
         there = [(i, rod) for i, rod in enumerate(rods) if rod is not None]
         for i, rod in there:
-            P_in[i], P_out[i] = rod.T_in, rod.T_out
+            P_in[i], P_out[i] = rod.s.T_A, rod.s.T_B
             x = min(self._whole_slip(i, rod), self.fastest) * math.isfinite(self.fastest)
-            held, _ = sliding_arc(rod.T_in, rod.T_out, v0, x, self.strings.sections[i])
+            held, _ = sliding_arc(rod.s.T_A, rod.s.T_B, v0, x, self.strings.sections[i])
             room[i] = max(held + adhesion_arc(rod), self._bent_arc(i, rest, rod)) - wraps[i]
         strings = replace(self.strings, room=room).arcs(P_in, P_out, v0, wraps)
         for i, rod in there:
             torque[i] = rod.torque - strings.torque[i]
             speed[i] = rod.W / strings.W[i]
-            span, P = self._pulley(i, rest).span, np.array([rod.T_in, rod.T_out])
+            span, P = self._pulley(i, rest).span, np.array([rod.s.T_A, rod.s.T_B])
             # the far end of the computed span stays on the tangent of the circle
             of_string = span / self.drive.stretch(P, v0) + self._bent(i, rest.level, P, span)
             length += rod.length - float(strings.length[i] + of_string.sum())
@@ -199,7 +199,7 @@ class Simulator:
             return 1.0 / (12.0 * self.drive.pulleys[i].R ** 2)  # of a rigid pulley
         rod, s = self._pulley(i, rest), self.strings.sections[i]
         stretch, radius = seat(rod.tension, 0.0, s)
-        own = 0.5 * rod.laid.stretch * rod.model.path.length
+        own = 0.5 * float(rod.laid.u[0]) * rod.model.path.length
         own -= (rod.span + 0.5 * rod.wrap * radius) / stretch
         without = self._bent(i, self.strings, np.array([rod.tension]), rod.span)[0]
         return float((own - without) / (self.drive.belt.EI / rod.tension) ** 1.5)
@@ -210,8 +210,8 @@ class Simulator:
         It leaves the pulley at an angle psi to its force, (T15), with a concentrated friction.
         """
         pulley, EI = self._pulley(i, rest), self.drive.belt.EI
-        mu = friction(pulley.surface, rod.T_in / pulley.R, SLIDING * rod.v0)[0]
-        P = np.array([max(rod.T_in, rod.T_out), min(rod.T_in, rod.T_out)])
+        mu = friction(pulley.surface, rod.s.T_A / pulley.R, SLIDING * rod.v0)[0]
+        P = np.sort([rod.s.T_A, rod.s.T_B])[::-1]
         psi = np.arccos(np.maximum(1.0 - EI / (2.0 * P * pulley.R**2), 0.0))
         ends = np.cos(psi) + mu * np.sin(psi) * (-1.0, 1.0)
         turns = Spans(EI, pulley.span).turn(P, pulley.R)
@@ -229,7 +229,7 @@ class Simulator:
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
             start = rod.nearest(v0, P_in, P_out)
             other = near.rods[i] if near is not None and near.rods else None
-            if other is not None and other.q.size == 4 * rod.model.nodes.size:
+            if other is not None and other.s.q.size == 4 * rod.model.nodes.size:
                 start = other
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
@@ -238,7 +238,7 @@ class Simulator:
                 fastest = self.fastest if math.isfinite(self.fastest) else no_range
                 ahead = math.copysign(fastest, P_in - P_out) / rod.R
                 found = flow(rod, v0, P_in, omega=float(state.arcs.rate[i]) * v0 + ahead)
-                if abs(math.log(P_out / P_in)) < abs(math.log(found.T_out / P_in)):
+                if abs(math.log(P_out / P_in)) < abs(math.log(found.s.T_B / P_in)):
                     raise  # friction could hold the forces
             rods.append(found)
         return tuple(rods)

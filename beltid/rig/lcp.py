@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
 from beltid.rig.contact import CONE_TOLERANCE
-from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, force_changes, hold
+from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, held_forces, hold
 from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
@@ -126,8 +126,10 @@ def step_by_lemke(
         hold(s, border.moves)
         at = np.nonzero(now["F_N"] > 0.0)
         slip, force, limit, sticks = (now[key][at] for key in ("slip", "F_T", "limit", "sticks"))
-        missing, by = _missing(border, s)
-        error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / np.hypot(*s.force[:2])
+        T = np.hypot(s.force[::2], s.force[1::2])
+        missing = float(border.given[1] - border.weights[1] @ T)
+        by = np.repeat(border.weights[1] / T, 2) * s.force  # of the given force in the forces
+        error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / T[0]
         wrong = np.where(sticks, np.abs(slip), -now["sign"][at] * slip)
         beyond = float(np.max(np.abs(force) / limit, initial=0.0)) - 1.0
         if error <= TOLERANCE and beyond <= CONE_TOLERANCE and max(wrong, default=0.0) <= STILL:
@@ -152,15 +154,6 @@ def step_by_lemke(
     return -1, error
 
 
-def _missing(border: Border, s: State) -> tuple[float, Array]:
-    """Return the missing part of a given force [N], and its gradient in the support forces (4,)."""
-    if border.kinds.size == 0:
-        return 0.0, np.zeros(4)
-    along = s.force / np.repeat(np.hypot(s.force[::2], s.force[1::2]), 2)
-    by = np.repeat(border.weights[0], 2) * along
-    return float(border.given[0] - by @ s.force), by
-
-
 def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:
     """Return W_T: what the friction forces of the touching points do, shape (n, m)."""
     theta, W = s.now["theta"][at], np.zeros((s.q.size, at[0].size))
@@ -178,12 +171,12 @@ def _respond(
     """Return the change of the coordinates (n,) under a load, and that of the movement [m]."""
     change, movement = load.copy(), -s.columns[1]
     solve(s.A, s.pivots, change, movement, np.zeros_like(load))
-    if border.kinds.size == 0:
+    if not by.any():
         return change, 0.0
     by_load, by_movement = np.zeros(4), np.zeros(4)
-    force_changes(s, -change, 2, by_load)
-    force_changes(s, -movement, 1, by_movement)
-    y = (missing - by @ by_load) / (by @ by_movement)
+    held_forces(s, change, by_load)
+    held_forces(s, movement, by_movement)
+    y = (missing - by @ by_load) / (by @ (s.kept[1] + by_movement))
     change += y * movement
     change[[0, 1, -4, -3]] += y * border.moves
     return change, float(y)

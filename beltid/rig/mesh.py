@@ -16,9 +16,8 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
-from beltid.laws.capstan import Spans
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, OperatingPoint, Rig
+from beltid.params import Belt, Rig
 
 Array = NDArray[np.float64]
 
@@ -112,16 +111,6 @@ def shapes(x: tuple[float, ...], h: Array, order: int) -> Array:
 def bending_length(EI: float, T: float) -> float:
     """Return the length sqrt(EI/T) over which a tightened span straightens [m]."""
     return math.sqrt(EI / T)
-
-
-def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
-    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
-
-    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
-    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
-    stays in line with the belt.
-    """
-    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
 
 
 def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:

@@ -23,7 +23,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import StaticState, lay_on, slide, tension_sensitivity
+from beltid.rig.state import State
+from beltid.rig.steady import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
 
@@ -119,7 +120,7 @@ class RigRuns:
         self.label = np.argmin(np.abs(np.log(v[:, None] / self.speeds)), axis=1)
         self.off_speed = np.log(v / self.speeds[self.label])
         self.models: list[RigModel] = []
-        self._laid: list[StaticState] = []
+        self._laid: list[State] = []
         for point, j, mesh in zip(points, self.label, meshes, strict=True):
             at_speed = OperatingPoint(point.beta, point.T_0, self.speeds[j] / bench.rig.R)
             self.models.append(bench.model(at_speed, mesh))
@@ -137,7 +138,7 @@ class RigRuns:
             force, tight, slack = tension_sensitivity(model, state)
             per_mu = tight / state.T_A - slack / state.T_B
             weight = per_mu / (beta * mu) * surface.mu(force, speed)
-            load = state.points[state.touching]["F_N"]
+            load = state.now[state.touching]["F_N"]
             runs.append(Sliding(state.T_A, state.T_B, mu, force, load, weight))
         return runs
 
@@ -150,7 +151,7 @@ class RigRuns:
 
     def _states(
         self, surfaces: Sequence[FrictionSurface]
-    ) -> list[tuple[RigModel, StaticState, FrictionSurface]]:
+    ) -> list[tuple[RigModel, State, FrictionSurface]]:
         states = []
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
