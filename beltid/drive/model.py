@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.bicubic import SurfaceTables
-from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.friction_surface import HALF_TREND, FrictionSurface, continued
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import HALF_TREND, continued
 from beltid.params import Belt
 
 Array = NDArray[np.float64]

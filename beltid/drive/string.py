@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
 FEWEST_PANELS, MOST_PANELS, PANEL = 2, 32, 0.25  # number, and width in ln P
+RIGID = 1e30  # stiffness of a bed that gives way by less than rounding [N/m²]
 SLIP_GRID = 24  # number of sliding speeds of the search for full slip, if mu falls with the speed
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
@@ -39,9 +40,9 @@ elastic_energy = kernel(penalty.elastic_energy)
 class Section(NamedTuple):
     """Belt and bed on one pulley, and the friction there, for compiled code.
 
-    ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
-    [N/m³]; ``R`` [m]; ``surface``; ``speeds`` (n,), sliding speeds of the search for full slip up
-    to the fastest measured one [m/s], none if mu does not depend on the speed.
+    ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²], ``k_quadratic`` [N/m³]; ``R`` [m]; ``surface``;
+    ``speeds`` (n,), sliding speeds of the search for full slip up to the fastest measured one
+    [m/s], none if mu does not depend on the speed.
     """
 
     EA: float
@@ -72,8 +73,6 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
     The penetration solves f(delta) (R - delta) = P (1 + eps).
     """
     stretch = (s.EA + P) / (s.EA - s.m * v0 * v0)
-    if math.isinf(s.k_linear):
-        return stretch, s.R
     delta = 2.0 * P * stretch / s.R
     delta /= s.k_linear + math.sqrt(s.k_linear * s.k_linear + 2.0 * s.k_quadratic * delta)
     for _ in range(20):
@@ -89,8 +88,6 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
 @kernel
 def lever(P: float, radius: float, s: Section) -> float:
     """Return the lever of a span force about the axis, (D6) [m]."""
-    if math.isinf(s.k_linear):
-        return radius
     return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
 
 
@@ -206,7 +203,7 @@ class Level:
         back = FrictionSurface.constant(drive.back_friction)
 
         def section(pulley: Pulley) -> Section:
-            bed = (math.inf, 0.0)
+            bed = (RIGID, 0.0)
             if pulley.ribs and drive.law is not None:
                 bed = (float(drive.law.k_linear_N_m2), float(drive.law.k_quadratic_N_m3))
             surface = drive.surface if pulley.ribs else back

@@ -22,7 +22,6 @@ from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rig.belt import Section
 from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
@@ -126,7 +125,7 @@ def flow(
     cannot hold.
     """
     contact = pulley.model.system.pulley._replace(surface=pulley.surface)
-    system = pulley.model.system._replace(section=Section.of(pulley.belt, v0), pulley=contact)
+    system = pulley.model.system._replace(pulley=contact)
     weights, given = np.diag([1.0, 0.0 if T_out is None else 1.0]), np.array([T_in, T_out or 0.0])
     search = _Search(system, v0, weights, given, State.of(system.mesh))
     for near, scale in [(start, LAST_SCALE), (start, SIMILAR_SCALE)] if start else []:
@@ -169,7 +168,7 @@ class _Search:
 
     def from_rest(self, pulley: FlowPulley, omega: float) -> bool:
         """Solve from the belt laid on: approach what is given, then the last scale."""
-        T, EA, momentum = pulley.tension, pulley.belt.EA, self.system.section.momentum
+        T, EA, momentum = pulley.tension, pulley.belt.EA, pulley.belt.rhoA * self.v0**2
         longer = 1.0 + (T + momentum) / (EA - momentum)
         idle = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R))) * self.v0
         self.s.q[:] = pulley.laid.q

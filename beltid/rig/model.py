@@ -12,7 +12,6 @@ from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rig.belt import Section
 from beltid.rig.contact import Pulley
 from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
 from beltid.rig.newton import Border, System
@@ -100,7 +99,7 @@ class Bench:
         )
         system = System(
             mesh=mesh_on(nodes, self.contact.points_per_element),
-            section=Section.of(belt),
+            belt=Belt(*map(float, belt)),  # kernels are compiled for floats
             pulley=pulley,
             clamp=CLAMP * belt.EI / float(nodes[1]) if rig.supports == "clamped" else 0.0,
             across=np.array([[-down, along], [down, along]]),

@@ -23,8 +23,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.params import Belt
 from beltid.rig.banded import HALF, factorize, kernel, solve
-from beltid.rig.belt import Section, add_belt, add_inertia
+from beltid.rig.belt import add_belt, add_inertia
 from beltid.rig.contact import Pulley, add_contact
 from beltid.rig.mesh import Mesh
 from beltid.rig.state import Motion, State
@@ -46,7 +47,7 @@ class System(NamedTuple):
     """
 
     mesh: Mesh
-    section: Section
+    belt: Belt
     pulley: Pulley
     clamp: float
     across: Array
@@ -88,13 +89,13 @@ def held_row(i: int, n: int) -> int:
 @kernel
 def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
     """Assemble residual, tangent and columns at ``s.q``, ``s.u``; return the changes of status."""
-    mesh, section, n, rate, A, r = system.mesh, system.section, s.q.size, motion.rate, s.A, s.r
+    mesh, belt, n, rate, A, r = system.mesh, system.belt, s.q.size, motion.rate, s.A, s.r
     r[:], s.columns[:], A[:] = 0.0, 0.0, 0.0
-    add_belt(mesh, section, s, rate)
+    add_belt(mesh, belt, motion, s)
     if rate > 0.0:
         for i in range(n):
             s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
-        add_inertia(mesh, section, s, rate)
+        add_inertia(mesh, belt, s, rate)
     changes = add_contact(mesh, system.pulley, motion, s, revise)
     for end in range(2):
         first = 2 + end * (n - 4)
@@ -158,7 +159,7 @@ def equilibrium(
     number, -1 if there is no solution, and the largest force that is left over T_A [-].
     """
     n, rate, h_min, R, error = s.q.size, motion.rate, system.h_min, system.pulley.R, math.inf
-    stiffest = (1.0 + system.section.damping_time * rate) * system.section.EA / h_min
+    stiffest = (1.0 + system.belt.damping_time * rate) * system.belt.EA / h_min
     if rate > 0.0:
         stiffest += 1e-2 * system.pulley.k_t * h_min
     miss, S, by, change, du = np.zeros(2), np.eye(2), np.zeros((2, 4)), np.zeros(4), np.zeros(2)

@@ -211,7 +211,7 @@ def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.vo
     """
     travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
     dt = travel / BUILD_UP / (model.path.R * model.point.omega)
-    period = 2.0 * model.path.span * math.sqrt(model.system.section.rhoA / sliding.T_B)
+    period = 2.0 * model.path.span * math.sqrt(model.system.belt.rhoA / sliding.T_B)
     pulley, delta = model.system.pulley, model.path.R - sliding.now["rho"][sliding.touching]
     stiffness = float(np.mean(pulley.k_linear + 2.0 * pulley.k_quadratic * delta))
     settling = SETTLING * pulley.C_P / stiffness

@@ -41,7 +41,7 @@ def lay_on(model: RigModel) -> State:
         [(0.0, Border(by_stretch, np.array([k * T_0, 0.0]), np.zeros(4))) for k in factors]
         for factors in DETOURS
     ]
-    stretch = 1.0 / (1.0 + T_0 / model.system.section.EA)
+    stretch = 1.0 / (1.0 + T_0 / model.system.belt.EA)
     on_path = model.path.coordinates(model.nodes).ravel()
     return _approach(model, on_path, stretch, stages, "laying the belt on")
 
@@ -91,7 +91,7 @@ def _check_plausible(model: RigModel, state: State) -> None:
             f"the belt sinks {1e3 * depth:.3g} mm into the pulley, must be below {DEEPEST:.0%} of "
             "its radius: contact law too soft or tension too high"
         )
-    elif largest > LARGEST_STRAIN * model.system.section.EA:
+    elif largest > LARGEST_STRAIN * model.system.belt.EA:
         problem = (
             f"a tension of {largest:.4g} N stretches the belt by more than {LARGEST_STRAIN:.0%}"
         )

@@ -185,7 +185,7 @@ def with_errors(
         )
         for i, pulley in enumerate(drive.pulleys)
     )
-    belt = replace(drive.belt, EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
+    belt = drive.belt._replace(EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
     law = None if drive.law is None else press.corrected(errors)
     tension, torque = 1.0 + errors.at("initial_tension"), 1.0 + errors.at("torque")
     moved = [replace(point.scaled(torque), T_0=point.T_0 * tension) for point in points]

@@ -59,7 +59,7 @@ class Campaign:
     def _moved(self, measured: Measured, EA: float, EI: float, span: float, law: NormalLaw) -> Self:
         """Return the campaign with other runs and inputs; the stiffnesses as factors."""
         bench, belt = self.bench, self.bench.belt
-        belt = replace(belt, EA=belt.EA * EA, EI=belt.EI * EI)
+        belt = belt._replace(EA=belt.EA * EA, EI=belt.EI * EI)
         bench = replace(bench, belt=belt, rig=replace(bench.rig, R=measured.R, span=span), law=law)
         return replace(self, measured=measured, bench=bench)
 

@@ -151,7 +151,7 @@ def test_slip_limit_at_fixed_centres_hardly_depends_on_friction() -> None:
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 500.0, 0.0, 0.05))
     limits = []
     for mu in (0.95, 1.05):
-        surface, belt = FrictionSurface.constant(mu), replace(BELT_5PK, EA=1e8)
+        surface, belt = FrictionSurface.constant(mu), BELT_5PK._replace(EA=1e8)
         drive = two_pulleys(surface=surface, belt=belt, pulleys=pulleys, law=None)
         limit = slip_limit(Simulator(drive), DrivePoint(1.0, 310.0, (0.0, 10.0)))
         assert limit.slip == limit.adhesion  # a constant mu has nothing to give way by
@@ -166,7 +166,7 @@ def test_a_given_slack_force_carries_what_euler_says_at_any_speed(
     omega: float, rhoA: float
 ) -> None:
     """P_t = P_s exp(mu pi): the momentum of the belt tightens both spans and carries no torque."""
-    belt, friction = replace(BELT_5PK, rhoA=rhoA), FrictionSurface.constant(0.4)
+    belt, friction = BELT_5PK._replace(rhoA=rhoA), FrictionSurface.constant(0.4)
     drive = two_pulleys(belt=belt, surface=friction, law=None, installation="slack_force")
     limit = slip_limit(Simulator(drive), DrivePoint(omega, 100.0, (0.0, 5.0)))
     expected = 100.0 * (np.exp(0.4 * np.pi) - 1.0) * 0.05

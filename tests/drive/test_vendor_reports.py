@@ -133,7 +133,7 @@ def test_an_arm_at_its_stop_keeps_its_place() -> None:
     arm = drive.tensioner
     assert arm is not None
     stop = math.radians(42.0 + 40.0)
-    belt = replace(drive.belt, EA=1e6)
+    belt = drive.belt._replace(EA=1e6)
     stopped = replace(drive, belt=belt, tensioner=replace(arm, stops=(arm.free_angle, stop)))
     point = DrivePoint(80.0, math.nan, (0.0,) * 4)
     short = installed_belts(stopped, "string", point, 6e-3)["min"]
