@@ -86,12 +86,6 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
 
 
 @kernel
-def lever(P: float, radius: float, s: Section) -> float:
-    """Return the lever of a span force about the axis, (D6) [m]."""
-    return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
-
-
-@kernel
 def contact(P: float, entry: float, v0: float, x: float, s: Section) -> tuple[float, float, float]:
     """Return line force [N/m] and sliding speed [m/s], (D3), and length per angle [m] at P.
 
@@ -162,8 +156,11 @@ def arc(
     P_in: float, P_out: float, v0: float, wrap: float, room: float, s: Section
 ) -> tuple[float, float, float, float, float, float]:
     """Return the values of :class:`Arcs`, but the room, for one pulley with a ``wrap`` [rad]."""
-    stretch, radius = seat(P_in, v0, s)
-    torque = P_in * lever(P_in, radius, s) - P_out * lever(P_out, seat(P_out, v0, s)[1], s)
+    (stretch, radius), radius_out = seat(P_in, v0, s), seat(P_out, v0, s)[1]
+    # levers of the span forces about the axis, (D6)
+    lever = radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P_in)
+    energy = elastic_energy(s.R - radius_out, s.k_linear, s.k_quadratic)
+    torque = P_in * lever - P_out * (radius_out * (1.0 + energy / P_out))
     rate = stretch / radius
     needed, length = sliding_arc(P_in, P_out, v0, 0.0, s)
     x = slip = 0.0
@@ -232,9 +229,7 @@ class Level:
         A belt that resists bending leaves the circle early and enters a span that runs further out
         than the tangent of the circle, the more so the looser the span.
         """
-        if self.EI == 0.0:
-            return self.length
-        ends = self.ends * np.ones(P.size)
+        ends = np.broadcast_to(self.ends, P.shape)
         at_ends = (ends + following(ends)) * (self.EI / P) ** 1.5
         # both ends of the span move outwards, each to its side; the span tilts by the sum
         outwards = laid.senses / np.array([pulley.R for pulley in self.drive.pulleys])
@@ -266,14 +261,13 @@ class Level:
         """
         if P_in == P_out or not self.drive.pulleys[i].ribs:
             return 0.0, 0.0
-        s, validity = self.sections[i], self.drive.surface.validity
-        stretch, radius = seat(P_in, v0, s)
+        validity = self.drive.surface.validity
 
         def share_below(limit: float, of_speed: int) -> float:
             """Share of the change of force on the part of the arc below a limit."""
 
             def over(P: float) -> float:
-                return contact(P, stretch / radius, v0, x, s)[of_speed] - limit
+                return float(self.along_arc(i, np.array([P_in, P]), v0, x)[of_speed][1]) - limit
 
             if over(P_in) * over(P_out) >= 0.0:
                 return 1.0 if over(P_in) + over(P_out) < 0.0 else 0.0

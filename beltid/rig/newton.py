@@ -119,7 +119,8 @@ def hold(s: State, moves: Array) -> None:
     for i in range(4):
         row = held_row(i, n)
         s.force[i], s.kept[0, i], s.kept[1, i] = s.r[row], s.columns[0, row], s.columns[1, row]
-        s.rows[i] = s.A[row]
+        for j in range(s.A.shape[1]):
+            s.rows[i, j] = s.A[row, j]
     for i in range(4):
         row = held_row(i, n)
         s.r[row] = s.columns[0, row] = s.columns[1, row] = 0.0
@@ -143,8 +144,10 @@ def accept(s: State, rate: float) -> None:
     """End a step: rates, strains and contact are those that the next one starts from."""
     for i in range(s.q.size):
         s.q_dot[i] = (s.q[i] - s.q_old[i]) * rate
-    s.strains_old[:] = s.strains
     for el in range(s.now.shape[0]):
+        for g in range(s.strains.shape[1]):
+            for k in range(2):
+                s.strains_old[el, g, k] = s.strains[el, g, k]
         for c in range(s.now.shape[1]):
             s.last[el, c] = s.now[el, c]
 
@@ -162,7 +165,8 @@ def equilibrium(
     stiffest = (1.0 + system.belt.damping_time * rate) * system.belt.EA / h_min
     if rate > 0.0:
         stiffest += 1e-2 * system.pulley.k_t * h_min
-    miss, S, by, change, du = np.zeros(2), np.eye(2), np.zeros((2, 4)), np.zeros(4), np.zeros(2)
+    miss, du, change = np.zeros(2), np.zeros(2), np.zeros(4)
+    S, by = np.zeros((2, 2)), np.zeros((2, 4))
     for i in range(n):
         s.q[i] = s.q_old[i] + (s.q_dot[i] / rate if rate > 0.0 else 0.0)
     for iteration in range(most):
