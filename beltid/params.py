@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from beltid.errors import InputError
 
@@ -15,9 +15,8 @@ Supports = Literal["pinned", "clamped"]
 GivenForce = Literal["none", "tight", "slack", "hub"]
 
 
-@dataclass(frozen=True, slots=True)
-class Belt:
-    """Section properties of a belt."""
+class Belt(NamedTuple):
+    """Section properties of a belt, for compiled code as well."""
 
     EA: float  # axial stiffness [N]
     EI: float  # bending stiffness [N m²]

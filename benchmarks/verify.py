@@ -23,8 +23,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.model import Bench
-from beltid.rig.runs import SimulationSettings, simulate
-from beltid.rig.transient import STEPS
+from beltid.rig.runs import STEPS, SimulationSettings, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "rig"))

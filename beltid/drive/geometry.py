@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.model import Drive, Pulley, Tensioner
+from beltid.drive.model import Drive, Pulley
 from beltid.errors import InputError
 
 Array = NDArray[np.float64]
@@ -85,19 +85,15 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
     )
 
 
-def arm_lever(tensioner: Tensioner, laid: Layout, P: Array) -> float:
-    """Return the moment of the belt about the pivot of the arm [N m], anticlockwise > 0."""
+def arm_moment(drive: Drive, laid: Layout, angle: float, P: Array) -> float:
+    """Return the moment of belt and spring on the tensioner's arm [N m], anticlockwise > 0."""
+    tensioner = drive.tensioner
+    assert tensioner is not None
+    free, side = tensioner.free_angle, math.copysign(1.0, drive.mean_angle - tensioner.free_angle)
     arm = laid.centres[tensioner.pulley] - tensioner.pivot
     force = laid.hub_forces(P)[tensioner.pulley]
-    return float(arm[0] * force[1] - arm[1] * force[0])
-
-
-def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
-    """Return the moment of the spring on the arm [N m], anticlockwise > 0.
-
-    ``side`` is +1 if the arm works anticlockwise from its free angle, -1 if clockwise.
-    """
-    return -side * tensioner.preload - tensioner.rate * (angle - tensioner.free_angle)
+    spring = -side * tensioner.preload - tensioner.rate * (angle - free)
+    return float(arm[0] * force[1] - arm[1] * force[0]) + spring
 
 
 def _lay(pulleys: list[Pulley], sense: float) -> Layout:

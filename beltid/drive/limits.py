@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 
 from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.results import DriveResult, Method, Simulator
+from beltid.drive.results import DriveResult
+from beltid.drive.simulator import Method, Simulator
 from beltid.errors import ConvergenceError
 
 TOLERANCE = 2e-5  # relative, of a limit of a string
@@ -75,14 +76,15 @@ def _of_level(
     simulator: Simulator, point: DrivePoint, with_slip: bool, near: LoopState, guess: float
 ) -> float:
     """Find the factor with the belt on its pulleys as in a state, bracketed about a guess."""
-    rest, level = simulator.at_rest(point), near.level
+    level = near.level
+    rest = replace(simulator.at_rest(point), level=level)
 
     @functools.cache
     def margin(factor: float) -> float:
         """Room over the arc that is needed, less 1, of the pulley with the least."""
         nonlocal near
         try:
-            found = solve_loop(point.scaled(factor), level, rest, near)
+            found = solve_loop(point.scaled(factor), rest, near)
         except ConvergenceError:
             return -1.0
         if found.slack or found.v0 <= 0.0:

@@ -1,33 +1,148 @@
-"""Solve the closed loop for span forces, belt flow and tensioner arm.
+"""Tighten the belt of a drive at rest, and close its loop under load.
 
-The unknowns are an effective force per span, the stress-free length of belt per second, and the
-angle of the tensioner's arm. The equations are (D7) to (D9): the torque of every pulley except the
-driver, the length of the belt or a given force, the moment of the arm, the speed of the driver.
+At rest the belt has one tension: stated, or set by its length or the arm of the tensioner. Under
+load the unknowns are an effective force per span, the stress-free length of belt per second, and
+the angle of the arm. The equations are (D7) to (D9): the torque of every pulley except the driver,
+the length of the belt or a given force, the moment of the arm, the speed of the driver.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
+from scipy.optimize import brentq, root
 
-from beltid.drive.geometry import Layout, arm_lever, layout, preceding, spring_moment
+from beltid.drive.geometry import Layout, arm_moment, layout, preceding
 from beltid.drive.model import DrivePoint
-from beltid.drive.rest import RestState, arm_side
 from beltid.drive.string import Arcs, Level
 from beltid.errors import ConvergenceError, InputError
 from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]
 
+ARM_STEP = math.radians(0.5)  # in which the arm of a tensioner is turned until a sign changes
 TOLERANCE = 1e-8  # of the scaled equations: torque over T_0 R, strain over T_0/EA, speed
 DAMPED = 0.1  # first step of the second attempt, over the size of the unknowns; 100 in the first
 SLACK = 1e-5  # share of the largest span force below which a span is slack
 LARGEST = 1e4  # scaled force, flow or angle that is tried
 SLOWEST = 1e-3  # flow for which the belt on the pulleys is computed, over that of the driver
+
+
+@dataclass(frozen=True, slots=True)
+class RestState:
+    """The belt at rest under a uniform tension."""
+
+    T_0: float  # [N]
+    arm_angle: float | None  # of the tensioner [rad]
+    belt_length: float  # stress-free [m]; nan with a given slack force
+    laid: Layout
+    level: Level  # the belt on its pulleys
+    at_stop: bool = False  # whether the arm rests against a stop
+
+    @property
+    def hub_force(self) -> Array:
+        """Force of the belt on the axis of each pulley [N], shape (n,)."""
+        return np.hypot(*self.laid.hub_forces(np.full(self.laid.spans.size, self.T_0)).T)
+
+
+def rest_state(level: Level, T_0: float) -> RestState:
+    """Tighten the belt at rest, which determines its length, or its tension if that is stated.
+
+    The tension ``T_0`` [N] is nan if the length of the belt, or the mean position of a tensioner,
+    determines it. An InputError says that no belt path fits, or that the arm of the tensioner has
+    no equilibrium.
+    """
+    drive = level.drive
+
+    def laid_at(tension: float, angle: float | None) -> RestState:
+        laid = layout(drive, angle)
+        P = np.full(laid.spans.size, float(tension))  # kernels are compiled for floats
+        length = laid.spans.sum() / drive.stretch(P, 0.0)[0]
+        length += level.arcs(P, P, 0.0, laid.wraps).length.sum() + level.extra_length(laid, P)
+        return RestState(float(tension), angle, float(length), laid, level)
+
+    def too_long(tension: float, angle: float | None) -> float:
+        return laid_at(tension, angle).belt_length - drive.belt_length
+
+    def tightened(angle: float | None) -> RestState:
+        """Tighten the belt of stated length with fixed pulleys."""
+        low, high = 1e-6 * drive.belt.EA, 0.2 * drive.belt.EA
+        if too_long(low, angle) * too_long(high, angle) >= 0.0:
+            raise InputError(
+                f"drive.belt_length_m = {drive.belt_length:g}: the path of the belt is "
+                f"{laid_at(low, angle).belt_length:.5g} m long, must be longer than the belt, by "
+                "less than 20 %"
+            )
+        tension = brentq(too_long, low, high, args=(angle,), xtol=1e-9, rtol=1e-13)
+        return replace(laid_at(tension, angle), belt_length=drive.belt_length)
+
+    arm, mean = drive.tensioner, drive.mean_angle
+    by_length = math.isfinite(drive.belt_length) and math.isnan(T_0)
+    if arm is None:
+        state = tightened(None) if by_length else laid_at(T_0, None)
+        given = drive.installation == "slack_force"
+        return replace(state, belt_length=math.nan) if given else state
+
+    def moment(angle: float, tension: float) -> float:
+        """Moment of belt and spring on the arm [N m]."""
+        laid = layout(drive, angle)
+        return arm_moment(drive, laid, angle, np.full(laid.spans.size, tension))
+
+    def balance(angle: float) -> float:
+        """Tension of the belt that balances the spring [N]."""
+        spring = moment(angle, 0.0)
+        return -spring / (moment(angle, 1.0) - spring)
+
+    if not by_length and math.isnan(T_0):
+        tension = balance(mean)
+        if not 0.0 < tension < drive.belt.EA:
+            raise InputError(
+                f"tensioner: no equilibrium in its mean position ({math.degrees(mean):.4g} deg): "
+                f"its spring asks for a belt tension of {tension:.4g} N"
+            )
+        return laid_at(tension, mean)
+    low, high = arm.stops
+    if by_length:
+        found = [
+            _walked(lambda angle: too_long(balance(angle), angle), mean, step)
+            for step in (ARM_STEP, -ARM_STEP)
+        ]
+        angles = sorted((a for a in found if a is not None), key=lambda a: abs(a - mean))
+        if angles and low <= angles[0] <= high:
+            return laid_at(balance(angles[0]), angles[0])
+        stops = [stop for stop in (low, high) if math.isfinite(stop)]
+        if stops:
+            nearest = min(stops, key=lambda stop: abs(stop - (angles or [mean])[0]))
+            return replace(tightened(nearest), at_stop=True)
+    else:  # where the arm, let go in its mean position, comes to rest
+        step = math.copysign(ARM_STEP, moment(mean, T_0))
+        angle = _walked(lambda angle: moment(angle, T_0), mean, step)
+        if angle is not None and low <= angle <= high:
+            return laid_at(T_0, angle)
+    what = f"of {drive.belt_length:g} m" if by_length else f"with a tension of {T_0:g} N at rest"
+    raise InputError(
+        f"tensioner: no equilibrium with a belt {what}; in its mean position, "
+        f"{math.degrees(mean):.4g} deg, the tension is {balance(mean):.4g} N, the length "
+        f"{laid_at(balance(mean), mean).belt_length:.5g} m"
+    )
+
+
+def _walked(f: Callable[[float], float], start: float, step: float) -> float | None:
+    """Turn the arm until a function of its angle changes sign; None if it never does."""
+    try:
+        angle, value = start, f(start)
+        while abs(angle - start) < math.pi:
+            following = f(angle + step)
+            if value * following <= 0.0:
+                return float(brentq(f, angle, angle + step, xtol=1e-13))
+            angle, value = angle + step, following
+    except InputError:  # no belt path fits at a farther angle
+        pass
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +171,20 @@ class Loop:
     solution is found and its status told from it. ``held`` is the angle of an arm at its stop.
     """
 
-    def __init__(
-        self, point: DrivePoint, level: Level, rest: RestState, held: float | None
-    ) -> None:
-        self.drive, self.level, self.rest, self.held = level.drive, level, rest, held
-        self.R = np.array([p.R for p in self.drive.pulleys])
-        self.torque = np.array(point.torque) + [p.drag for p in self.drive.pulleys]
+    def __init__(self, point: DrivePoint, rest: RestState, held: float | None) -> None:
+        self.level, self.rest, self.held = rest.level, rest, held
+        drive = self.drive = rest.level.drive
+        self.R = np.array([p.R for p in drive.pulleys])
+        self.torque = np.array(point.torque) + [p.drag for p in drive.pulleys]
         self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
         self.omega = abs(point.omega)
-        self.flow = self.omega * self.R[self.drive.driver]  # of a belt that does not stretch [m/s]
-        self.arm = self.drive.tensioner if held is None else None
+        self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
+        self.turns = drive.tensioner is not None and held is None  # whether the arm does
 
     def state(self, u: Array) -> LoopState:
         """Unpack the unknowns and compute the belt on its pulleys."""
         n = self.R.size
-        angle = float(u[n + 1]) if self.arm else self.held
+        angle = float(u[n + 1]) if self.turns else self.held
         laid = self.rest.laid if angle == self.rest.arm_angle else layout(self.drive, angle)
         P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
         pull, v = np.maximum(P, SLACK * self.rest.T_0), max(v0, SLOWEST * self.flow)
@@ -100,10 +214,9 @@ class Loop:
             length = (state.laid.spans / drive.stretch(state.P, v)).sum() + arcs.length.sum()
             length += self.level.extra_length(state.laid, pull)
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
-        if self.arm and state.arm_angle is not None:
-            moment = arm_lever(self.arm, state.laid, state.P)
-            moment += spring_moment(self.arm, state.arm_angle, arm_side(drive, self.arm))
-            r[n + 1] = moment / (rest.T_0 * self.arm.arm)
+        if drive.tensioner is not None and self.turns:
+            moment = arm_moment(drive, state.laid, float(u[n + 1]), state.P)
+            r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
         return r
 
     def start(self, near: LoopState | None) -> Array:
@@ -121,12 +234,10 @@ class Loop:
             P = np.cumsum(steps) / self.rest.T_0
             P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
             P, flow = np.maximum(P, 0.05), 1.0 / float(drive.stretch(self.rest.T_0, 0.0))
-        return np.array([*P, flow, *([angle] if self.arm else [])])
+        return np.array([*P, flow, *([angle] if self.turns else [])])
 
 
-def solve_loop(
-    point: DrivePoint, level: Level, rest: RestState, near: LoopState | None = None
-) -> LoopState:
+def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None) -> LoopState:
     """Find the steady state of an operating point.
 
     Of the point only the magnitude of its speed is used: the belt runs in the order of the pulleys.
@@ -135,12 +246,12 @@ def solve_loop(
     """
     if near is not None and (near.slack or near.v0 <= 0.0):
         near = None
-    held, arm = rest.arm_angle if rest.at_stop else None, level.drive.tensioner
-    state = _solved(Loop(point, level, rest, held), near)
+    state = _solved(Loop(point, rest, rest.arm_angle if rest.at_stop else None), near)
+    arm = rest.level.drive.tensioner
     if arm is not None and state.arm_angle is not None and not state.slack:
         stop = float(np.clip(state.arm_angle, *arm.stops))
         if stop != state.arm_angle:
-            state = _solved(Loop(point, level, rest, stop), near)
+            state = _solved(Loop(point, rest, stop), near)
     return state
 
 

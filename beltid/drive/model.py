@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.laws.bicubic import SurfaceTables
-from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.friction_surface import HALF_TREND, FrictionSurface, continued
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import HALF_TREND, continued
 from beltid.params import Belt
 
 Array = NDArray[np.float64]
@@ -72,6 +71,7 @@ class Drive:
     slow_trend: float = HALF_TREND  # share of the trend below the slowest measured speed, (D14)
     belt_length: float = math.nan  # stress-free [m], sets the tension at rest; nan: set by it
     friction: SurfaceTables = field(init=False, repr=False, compare=False)  # continued surface
+    mean_angle: float = field(init=False, default=math.nan)  # of the arm, within pi of its free one
 
     def __post_init__(self) -> None:
         arm = self.tensioner
@@ -79,12 +79,15 @@ class Drive:
             raise InputError("a drive has at least two pulleys")
         if arm is not None:
             pulley = self.pulleys[arm.pulley]
-            distance = math.hypot(pulley.x - arm.pivot[0], pulley.y - arm.pivot[1])
+            x, y = pulley.x - arm.pivot[0], pulley.y - arm.pivot[1]
+            distance, turned = math.hypot(x, y), math.atan2(y, x) - arm.free_angle
             if abs(distance - arm.arm) > ARM_MISFIT * arm.arm:
                 raise InputError(
                     f"pulley {pulley.name} is {distance:g} m from the pivot of the tensioner, "
                     f"must be the length of the arm, {arm.arm:g} m"
                 )
+            mean = arm.free_angle + math.remainder(turned, 2.0 * math.pi)
+            object.__setattr__(self, "mean_angle", mean)
         object.__setattr__(self, "friction", continued(self.surface, self.slow_trend))
 
     def stretch(self, P: Array | float, v0: float) -> Array:

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
 FEWEST_PANELS, MOST_PANELS, PANEL = 2, 32, 0.25  # number, and width in ln P
+RIGID = 1e30  # stiffness of a bed that gives way by less than rounding [N/m²]
 SLIP_GRID = 24  # number of sliding speeds of the search for full slip, if mu falls with the speed
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
@@ -39,9 +40,9 @@ elastic_energy = kernel(penalty.elastic_energy)
 class Section(NamedTuple):
     """Belt and bed on one pulley, and the friction there, for compiled code.
 
-    ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
-    [N/m³]; ``R`` [m]; ``surface``; ``speeds`` (n,), sliding speeds of the search for full slip up
-    to the fastest measured one [m/s], none if mu does not depend on the speed.
+    ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²], ``k_quadratic`` [N/m³]; ``R`` [m]; ``surface``;
+    ``speeds`` (n,), sliding speeds of the search for full slip up to the fastest measured one
+    [m/s], none if mu does not depend on the speed.
     """
 
     EA: float
@@ -72,8 +73,6 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
     The penetration solves f(delta) (R - delta) = P (1 + eps).
     """
     stretch = (s.EA + P) / (s.EA - s.m * v0 * v0)
-    if math.isinf(s.k_linear):
-        return stretch, s.R
     delta = 2.0 * P * stretch / s.R
     delta /= s.k_linear + math.sqrt(s.k_linear * s.k_linear + 2.0 * s.k_quadratic * delta)
     for _ in range(20):
@@ -84,14 +83,6 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
         if abs(step) <= 1e-9 * s.R:  # the next one would be its square
             break
     return stretch, s.R - delta
-
-
-@kernel
-def lever(P: float, radius: float, s: Section) -> float:
-    """Return the lever of a span force about the axis, (D6) [m]."""
-    if math.isinf(s.k_linear):
-        return radius
-    return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
 
 
 @kernel
@@ -165,8 +156,11 @@ def arc(
     P_in: float, P_out: float, v0: float, wrap: float, room: float, s: Section
 ) -> tuple[float, float, float, float, float, float]:
     """Return the values of :class:`Arcs`, but the room, for one pulley with a ``wrap`` [rad]."""
-    stretch, radius = seat(P_in, v0, s)
-    torque = P_in * lever(P_in, radius, s) - P_out * lever(P_out, seat(P_out, v0, s)[1], s)
+    (stretch, radius), radius_out = seat(P_in, v0, s), seat(P_out, v0, s)[1]
+    # levers of the span forces about the axis, (D6)
+    lever = radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P_in)
+    energy = elastic_energy(s.R - radius_out, s.k_linear, s.k_quadratic)
+    torque = P_in * lever - P_out * (radius_out * (1.0 + energy / P_out))
     rate = stretch / radius
     needed, length = sliding_arc(P_in, P_out, v0, 0.0, s)
     x = slip = 0.0
@@ -206,7 +200,7 @@ class Level:
         back = FrictionSurface.constant(drive.back_friction)
 
         def section(pulley: Pulley) -> Section:
-            bed = (math.inf, 0.0)
+            bed = (RIGID, 0.0)
             if pulley.ribs and drive.law is not None:
                 bed = (float(drive.law.k_linear_N_m2), float(drive.law.k_quadratic_N_m3))
             surface = drive.surface if pulley.ribs else back
@@ -235,9 +229,7 @@ class Level:
         A belt that resists bending leaves the circle early and enters a span that runs further out
         than the tangent of the circle, the more so the looser the span.
         """
-        if self.EI == 0.0:
-            return self.length
-        ends = self.ends * np.ones(P.size)
+        ends = np.broadcast_to(self.ends, P.shape)
         at_ends = (ends + following(ends)) * (self.EI / P) ** 1.5
         # both ends of the span move outwards, each to its side; the span tilts by the sum
         outwards = laid.senses / np.array([pulley.R for pulley in self.drive.pulleys])
@@ -269,14 +261,13 @@ class Level:
         """
         if P_in == P_out or not self.drive.pulleys[i].ribs:
             return 0.0, 0.0
-        s, validity = self.sections[i], self.drive.surface.validity
-        stretch, radius = seat(P_in, v0, s)
+        validity = self.drive.surface.validity
 
         def share_below(limit: float, of_speed: int) -> float:
             """Share of the change of force on the part of the arc below a limit."""
 
             def over(P: float) -> float:
-                return contact(P, stretch / radius, v0, x, s)[of_speed] - limit
+                return float(self.along_arc(i, np.array([P_in, P]), v0, x)[of_speed][1]) - limit
 
             if over(P_in) * over(P_out) >= 0.0:
                 return 1.0 if over(P_in) + over(P_out) < 0.0 else 0.0

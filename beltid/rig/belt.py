@@ -8,33 +8,13 @@ A section has the axial strain ``eps = |r'|/stretch - 1`` and the curvature ``ka
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from beltid.params import Belt
 from beltid.rig.banded import HALF, kernel
 from beltid.rig.mesh import Mesh
-from beltid.rig.state import State
-
-
-class Section(NamedTuple):
-    """What a section resists, for compiled code; see :class:`beltid.params.Belt`.
-
-    ``momentum`` is the flux ``m v0**2`` [N] of a belt that flows through its shape, else 0.
-    """
-
-    EA: float
-    EI: float
-    rhoA: float
-    damping_time: float
-    momentum: float
-
-    @classmethod
-    def of(cls, belt: Belt, v0: float = 0.0) -> Section:
-        """Return the section of a belt of which ``v0`` [m/s] stress-free metres pass a second."""
-        values = (belt.EA, belt.EI, belt.rhoA, belt.damping_time, belt.rhoA * v0**2)
-        return cls(*map(float, values))
+from beltid.rig.state import Motion, State
 
 
 @kernel
@@ -50,13 +30,17 @@ def section_force(
 
 
 @kernel
-def add_belt(mesh: Mesh, section: Section, s: State, rate: float) -> None:
-    """Add the internal forces of the belt, their tangent and their derivative in the stretch."""
+def add_belt(mesh: Mesh, belt: Belt, motion: Motion, s: State) -> None:
+    """Add the internal forces of the belt, their tangent and their derivative in the stretch.
+
+    The flux of momentum of a belt that flows through its shape lowers its axial force.
+    """
     q, stretch, old, r, r_s = s.q, s.u[0], s.strains_old, s.r, s.columns[0]
-    tau = section.damping_time * rate  # time in units of the step
+    tau = belt.damping_time * motion.rate  # time in units of the step
+    momentum = belt.rhoA * motion.v0**2
     # strain and strain increment grow together within a step: the law at 1 for both is its slope
-    EA = (section_force(section.EA, 1.0, 1.0, tau) - section.momentum) / stretch
-    EI = section_force(section.EI, 1.0, 1.0, tau) / stretch
+    EA = (section_force(belt.EA, 1.0, 1.0, tau) - momentum) / stretch
+    EI = section_force(belt.EI, 1.0, 1.0, tau) / stretch
     a, e, k = np.zeros(2), np.zeros(4), np.zeros(4)
     H, G = np.zeros((4, 4)), np.zeros((4, 8))
     for el in range(mesh.h.size):
@@ -71,9 +55,9 @@ def add_belt(mesh: Mesh, section: Section, s: State, rate: float) -> None:
             curl = (ax * by - ay * bx) / p2
             eps, kappa = p / stretch - 1.0, curl / stretch
             s.strains[el, g, 0], s.strains[el, g, 1] = eps, kappa
-            N = section_force(section.EA, eps, eps - old[el, g, 0], tau)
-            N -= section.momentum * (1.0 + eps)
-            M = section_force(section.EI, kappa, kappa - old[el, g, 1], tau)
+            N = section_force(belt.EA, eps, eps - old[el, g, 0], tau)
+            N -= momentum * (1.0 + eps)
+            M = section_force(belt.EI, kappa, kappa - old[el, g, 1], tau)
             # gradients of |r'| and of (r' x r'')/|r'|**2 in (r', r'')
             a[0], a[1], e[0], e[1] = ax, ay, ax / p, ay / p
             k[0], k[1] = (by - 2 * curl * ax) / p2, (-bx - 2 * curl * ay) / p2
@@ -106,12 +90,12 @@ def add_belt(mesh: Mesh, section: Section, s: State, rate: float) -> None:
 
 
 @kernel
-def add_inertia(mesh: Mesh, section: Section, s: State, rate: float) -> None:
+def add_inertia(mesh: Mesh, belt: Belt, s: State, rate: float) -> None:
     """Add ``M dq / dt**2``, Eq. (10), for the deviation ``s.dq`` from uniform motion [m]."""
     for el in range(mesh.h.size):
         for j in range(4):
             for m in range(4):
-                mass = s.u[0] * section.rhoA * mesh.M[el, j, m] * rate * rate
+                mass = s.u[0] * belt.rhoA * mesh.M[el, j, m] * rate * rate
                 for x in range(2):
                     row = 4 * el + 2 * j + x
                     s.A[row, HALF + 2 * (m - j)] += mass

@@ -22,11 +22,10 @@ from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rig.belt import Section
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.newton import Border, equilibrium
-from beltid.rig.state import Motion, Points
-from beltid.rig.steady import StaticState, lay_on
+from beltid.rig.newton import Border, System, equilibrium
+from beltid.rig.state import Motion, Points, State
+from beltid.rig.steady import lay_on
 
 Array = NDArray[np.float64]
 
@@ -62,7 +61,7 @@ class FlowPulley:
         return bench.model(point, 2 * round(0.5 * FINER * default))
 
     @functools.cached_property
-    def laid(self) -> StaticState:
+    def laid(self) -> State:
         """The belt at rest, laid on without friction and tightened to ``tension``."""
         return lay_on(self.model)
 
@@ -70,7 +69,7 @@ class FlowPulley:
         """Return the state found with the most similar flow and forces, if there is any."""
 
         def distance(state: FlowState) -> float:
-            steps = (state.T_in / T_in, state.T_out / T_out, state.v0 / v0)
+            steps = (state.s.T_A / T_in, state.s.T_B / T_out, state.v0 / v0)
             return sum(abs(math.log(step)) for step in steps)
 
         return min(self.states, key=distance, default=None)
@@ -78,24 +77,30 @@ class FlowPulley:
 
 @dataclass(frozen=True, slots=True)
 class FlowState:
-    """A belt that flows steadily over a pulley."""
+    """A belt that flows steadily over a pulley, with the effective forces ``s.T_A``, ``s.T_B`` [N].
+
+    They are those of the spans before and behind it, ``N - m v0**2 (1 + eps)``.
+    """
 
     v0: float  # stress-free length that passes a point per second [m/s]
-    omega: float  # speed of the pulley [rad/s]
-    torque: float  # of the shaft on the belt [N m], > 0 for a driver
-    T_in: float  # effective forces of the spans, N - m v0**2 (1 + eps) [N]
-    T_out: float
     length: float  # stress-free, between the ends of the model [m]
-    points: (
-        Points  # in the order of the flow; ``slip`` [m/s] > 0 where the pulley is the faster one
-    )
-    q: Array  # coordinates, and stretch and speed of the pulley, to start a similar state from
-    u: Array
+    s: State
 
     @property
     def W(self) -> float:
         """Speed of the pulley over v0 [1/m]."""
-        return self.omega / self.v0
+        return float(self.s.u[1]) / self.v0
+
+    @property
+    def torque(self) -> float:
+        """Torque of the shaft on the belt [N m], > 0 for a driver."""
+        q = self.s.q
+        return float(np.array([-q[1], q[0], -q[-3], q[-4]]) @ self.s.force)
+
+    @property
+    def points(self) -> Points:
+        """Points in the order of the flow; ``slip`` > 0 where the pulley is ahead of it [m/s]."""
+        return self.s.now.ravel()
 
     @property
     def touching(self) -> Points:
@@ -119,65 +124,61 @@ def flow(
     ConvergenceError says that no steady state was found, for example with forces that friction
     cannot hold.
     """
-    search = _Search(pulley, v0, T_in, T_out, omega)
-    if not (start is not None and search.from_state(start)) and not search.from_rest():
-        raise ConvergenceError(
-            f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
-            f"{v0:g} m/s, {T_in:g} N: no steady running found"
-        )
-    pulley.states.append(search.found())
+    contact = pulley.model.system.pulley._replace(surface=pulley.surface)
+    system = pulley.model.system._replace(pulley=contact)
+    weights, given = np.diag([1.0, 0.0 if T_out is None else 1.0]), np.array([T_in, T_out or 0.0])
+    search = _Search(system, v0, weights, given, State.of(system.mesh))
+    for near, scale in [(start, LAST_SCALE), (start, SIMILAR_SCALE)] if start else []:
+        s, speed = search.s, omega if T_out is None else near.W * v0
+        s.now[:], s.q[:], s.u[:] = near.s.now, near.s.q, (near.s.u[0], speed)
+        if search.solve(given, scale) and search.descend(scale):
+            break
+    else:
+        search.s = State.of(system.mesh)  # nothing is left of another state
+        if not search.from_rest(pulley, omega):
+            raise ConvergenceError(
+                f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
+                f"{v0:g} m/s, {T_in:g} N: no steady running found"
+            )
+    length = float(search.s.u[0]) * pulley.model.path.length
+    pulley.states.append(FlowState(v0, length, search.s))
     return pulley.states[-1]
 
 
+@dataclass
 class _Search:
     """The way to a steady flow: given forces are approached first, then the scale goes down."""
 
-    def __init__(
-        self, pulley: FlowPulley, v0: float, T_in: float, T_out: float | None, omega: float
-    ) -> None:
-        self.pulley, self.v0, self.omega = pulley, v0, omega
-        self.given = np.array([T_in] if T_out is None else [T_in, T_out])
-        system = pulley.model.system
-        contact = system.pulley._replace(surface=pulley.surface)
-        self.system = system._replace(section=Section.of(pulley.belt, v0), pulley=contact)
-        self.s = pulley.model.state()
+    system: System
+    v0: float
+    weights: Array
+    given: Array
+    s: State
 
     def solve(self, given: Array, scale: float) -> bool:
         """Solve at one scale of friction from ``s.q``, ``s.u``; restore them without a solution."""
-        s, k, u = self.s, given.size, self.s.u.copy()
+        s, u = self.s, self.s.u.copy()
         s.q_old[:] = s.q
         motion = Motion(0.0, 0.0, 1.0, self.v0, scale * self.v0)
-        border = Border(np.arange(k), np.eye(2)[:k], given, np.zeros(4))
+        border = Border(self.weights, given, np.zeros(4))
         count, _ = equilibrium(self.system, motion, border, s, MOST_ITERATIONS)
         if count < 0:
             s.q[:], s.u[:] = s.q_old, u
         return count >= 0
 
-    def from_state(self, start: FlowState) -> bool:
-        """Solve from a similar state, at the last scale at once or nearly so."""
-        s = self.s
-        for scale in (LAST_SCALE, SIMILAR_SCALE):
-            s.now[...] = start.points.reshape(s.now.shape)
-            omega = start.W * self.v0 if self.given.size == 2 else self.omega
-            s.q[:], s.u[:] = start.q, (start.u[0], omega)
-            if self.solve(self.given, scale) and self.descend(scale):
-                return True
-        return False
-
-    def from_rest(self) -> bool:
+    def from_rest(self, pulley: FlowPulley, omega: float) -> bool:
         """Solve from the belt laid on: approach what is given, then the last scale."""
-        pulley, laid = self.pulley, self.pulley.laid
-        s = self.s = pulley.model.state()  # nothing is left of another state
-        T, EA, momentum = pulley.tension, pulley.belt.EA, self.system.section.momentum
+        T, EA, momentum = pulley.tension, pulley.belt.EA, pulley.belt.rhoA * self.v0**2
         longer = 1.0 + (T + momentum) / (EA - momentum)
         idle = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R))) * self.v0
-        s.q[:], s.u[:] = laid.q, (laid.stretch * (1.0 + T / EA) / longer, idle)
-        share, step = 0.0, 0.125
+        self.s.q[:] = pulley.laid.q
+        self.s.u[:] = float(pulley.laid.u[0]) * (1.0 + T / EA) / longer, idle
+        at_rest, share, step = T * np.diag(self.weights), 0.0, 0.125
         while share < 1.0:
             wanted = min(share + step, 1.0)
-            if self.given.size == 1:
-                s.u[1] = idle + wanted * (self.omega - idle)
-            if self.solve(T + wanted * (self.given - T), FIRST_SCALE):
+            if not self.weights[1, 1]:
+                self.s.u[1] = idle + wanted * (omega - idle)
+            if self.solve(at_rest + wanted * (self.given - at_rest), FIRST_SCALE):
                 share, step = wanted, 2.0 * step
             elif step > LEAST_SHARE:
                 step *= 0.5
@@ -197,19 +198,3 @@ class _Search:
             else:
                 return False
         return True
-
-    def found(self) -> FlowState:
-        """Collect the result."""
-        s, q, force = self.s, self.s.q, self.s.force
-        points: Points = s.now.ravel()
-        return FlowState(
-            v0=self.v0,
-            omega=float(s.u[1]),
-            torque=float(np.array([-q[1], q[0], -q[-3], q[-4]]) @ force),
-            T_in=math.hypot(force[0], force[1]),
-            T_out=math.hypot(force[2], force[3]),
-            length=float(s.u[0]) * self.pulley.model.path.length,
-            points=points,
-            q=q,
-            u=s.u,
-        )

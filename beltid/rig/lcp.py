@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
 from beltid.rig.contact import CONE_TOLERANCE
-from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, force_changes, hold
+from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, held_forces, hold
 from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
@@ -126,8 +126,10 @@ def step_by_lemke(
         hold(s, border.moves)
         at = np.nonzero(now["F_N"] > 0.0)
         slip, force, limit, sticks = (now[key][at] for key in ("slip", "F_T", "limit", "sticks"))
-        missing, by = _missing(border, s)
-        error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / np.hypot(*s.force[:2])
+        T = np.hypot(s.force[::2], s.force[1::2])
+        missing = float(border.given[1] - border.weights[1] @ T)
+        by = np.repeat(border.weights[1] / T, 2) * s.force  # of the given force in the forces
+        error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / T[0]
         wrong = np.where(sticks, np.abs(slip), -now["sign"][at] * slip)
         beyond = float(np.max(np.abs(force) / limit, initial=0.0)) - 1.0
         if error <= TOLERANCE and beyond <= CONE_TOLERANCE and max(wrong, default=0.0) <= STILL:
@@ -135,30 +137,37 @@ def step_by_lemke(
             return iteration, error
         if not factorize(s.A, s.pivots):
             break
+        # the step without new friction, the responses to its forces, and a movement of the ends
         W = _directions(system, s, at)
-        free, moved = _respond(border, s, -s.r, missing, by)
-        responses = [_respond(border, s, w, 0.0, by) for w in W.T]
-        compliance = np.array([response[0] for response in responses]).reshape(W.T.shape).T
+        x = np.vstack([-s.r, W.T, -s.columns[1]])
+        for load in x:
+            solve(s.A, s.pivots, load, np.zeros(load.size), np.zeros(load.size))
+        moved = np.zeros(len(x) - 1)
+        if by.any():  # the ends move until the force is the given one
+            forces = np.array([_by_supports(s, by, response) for response in x])
+            moved = -forces[:-1] / (by @ s.kept[1] + forces[-1])
+            moved[0] += missing / (by @ s.kept[1] + forces[-1])
+            x[-1, [0, 1, -4, -3]] += border.moves
+        free, *responses = x[:-1] + np.outer(moved, x[-1])
+        compliance = np.reshape(responses, W.T.shape).T
         G = W.T @ compliance
         try:
             wanted, slip = friction_lcp(G, slip - W.T @ free + G @ force, limit)
         except ConvergenceError:
             break
         s.q[:] += free + compliance @ (wanted - force)
-        s.u[1] += moved + (wanted - force) @ np.array([response[1] for response in responses])
+        s.u[1] += moved @ np.append(1.0, wanted - force)
         last["F_T"][at], now["sticks"][at] = wanted, slip == 0.0
         now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
     last[:] = before
     return -1, error
 
 
-def _missing(border: Border, s: State) -> tuple[float, Array]:
-    """Return the missing part of a given force [N], and its gradient in the support forces (4,)."""
-    if border.kinds.size == 0:
-        return 0.0, np.zeros(4)
-    along = s.force / np.repeat(np.hypot(s.force[::2], s.force[1::2]), 2)
-    by = np.repeat(border.weights[0], 2) * along
-    return float(border.given[0] - by @ s.force), by
+def _by_supports(s: State, by: Array, x: Array) -> float:
+    """Return the change of a given force with the coordinates ``x`` (n,)."""
+    out = np.zeros(4)
+    held_forces(s, x, out)
+    return float(by @ out)
 
 
 def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:
@@ -170,20 +179,3 @@ def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> A
     for row in (0, 1, -4, -3):
         W[row] = 0.0
     return W
-
-
-def _respond(
-    border: Border, s: State, load: Array, missing: float, by: Array
-) -> tuple[Array, float]:
-    """Return the change of the coordinates (n,) under a load, and that of the movement [m]."""
-    change, movement = load.copy(), -s.columns[1]
-    solve(s.A, s.pivots, change, movement, np.zeros_like(load))
-    if border.kinds.size == 0:
-        return change, 0.0
-    by_load, by_movement = np.zeros(4), np.zeros(4)
-    force_changes(s, -change, 2, by_load)
-    force_changes(s, -movement, 1, by_movement)
-    y = (missing - by @ by_load) / (by @ by_movement)
-    change += y * movement
-    change[[0, 1, -4, -3]] += y * border.moves
-    return change, float(y)

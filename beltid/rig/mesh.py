@@ -7,7 +7,6 @@ B, so the span at A is the tight one (trap (d) of the method).
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,16 +15,15 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
-from beltid.laws.capstan import Spans
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, OperatingPoint, Rig
+from beltid.params import Belt, Rig
 
 Array = NDArray[np.float64]
 
 HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
 _x, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 _y, MASS_WEIGHTS = np.polynomial.legendre.leggauss(4)
-GAUSS_POINTS, MASS_POINTS = tuple(0.5 + 0.5 * _x), tuple(0.5 + 0.5 * _y)  # on (0, 1)
+GAUSS_POINTS, MASS_POINTS = 0.5 + 0.5 * _x, 0.5 + 0.5 * _y  # on (0, 1)
 
 WIDEST = 0.15  # largest target angle of an element where the contact begins [rad]
 INSIDE = 0.3  # distance of the finest elements inside the first contact, over the layer
@@ -82,7 +80,7 @@ class Mesh(NamedTuple):
 
 def mesh_on(nodes: Array, n_c: int) -> Mesh:
     """Tabulate the shape functions of elements between ``nodes`` (n_e + 1,) [m]."""
-    h, middles = np.diff(nodes), tuple((np.arange(n_c) + 0.5) / n_c)
+    h, middles = np.diff(nodes), (np.arange(n_c) + 0.5) / n_c
     N_m = shapes(MASS_POINTS, h, 0)
     return Mesh(
         h=h,
@@ -96,32 +94,16 @@ def mesh_on(nodes: Array, n_c: int) -> Mesh:
     )
 
 
-@functools.cache
-def unit_shapes(x: tuple[float, ...], order: int) -> Array:
-    """Return derivatives of the Hermite functions of an element of length 1, shape (m, 4)."""
-    values = polynomial.polyval(np.array(x), polynomial.polyder(HERMITE, order, axis=1).T)
-    return np.ascontiguousarray(values.T)
-
-
-def shapes(x: tuple[float, ...], h: Array, order: int) -> Array:
-    """Return derivatives of the shape functions at local places x, shape (n_e, m, 4)."""
+def shapes(x: Array, h: Array, order: int) -> Array:
+    """Return derivatives of the shape functions at local places x in (0, 1), shape (n_e, m, 4)."""
+    unit = polynomial.polyval(x, polynomial.polyder(HERMITE, order, axis=1).T).T
     powers = h[:, None] ** (np.array([0.0, 1.0, 0.0, 1.0]) - order)
-    return unit_shapes(x, order) * powers[:, None, :]
+    return np.ascontiguousarray(unit * powers[:, None, :])
 
 
 def bending_length(EI: float, T: float) -> float:
     """Return the length sqrt(EI/T) over which a tightened span straightens [m]."""
     return math.sqrt(EI / T)
-
-
-def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
-    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
-
-    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
-    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
-    stays in line with the belt.
-    """
-    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
 
 
 def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:

@@ -12,11 +12,9 @@ from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rig.belt import Section
 from beltid.rig.contact import Pulley
 from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
 from beltid.rig.newton import Border, System
-from beltid.rig.state import State, new_state
 
 Array = NDArray[np.float64]
 
@@ -31,15 +29,14 @@ def turning(rig: Rig, point: OperatingPoint) -> Border:
     """Return what is given while the pulley turns, and which way the ends then move."""
     along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
     weights, moves = {
-        "none": ([], [0.0, 0.0, 0.0, 0.0]),
-        "tight": ([[1.0, 0.0]], [-along, -down, 0.0, 0.0]),
-        "slack": ([[0.0, 1.0]], [0.0, 0.0, along, -down]),
+        "none": ((0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
+        "tight": ((1.0, 0.0), (-along, -down, 0.0, 0.0)),
+        "slack": ((0.0, 1.0), (0.0, 0.0, along, -down)),
         # relative to the pulley, which stays at the origin
-        "hub": ([[1.0, 1.0]], [0.0, -1.0, 0.0, -1.0]),
+        "hub": ((1.0, 1.0), (0.0, -1.0, 0.0, -1.0)),
     }[rig.given_force]
-    of_tensions = np.array(weights).reshape(-1, 2)
-    kinds = np.ones(of_tensions.shape[0], np.int64)
-    return Border(kinds, of_tensions, of_tensions.sum(axis=1) * point.T_0, np.array(moves))
+    given = np.array([0.0, sum(weights) * point.T_0])
+    return Border(np.array([(0.0, 0.0), weights]), given, np.array(moves))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +53,6 @@ class RigModel:
         """Return the rig with another friction surface."""
         pulley = self.system.pulley._replace(surface=surface.tables())
         return replace(self, system=self.system._replace(pulley=pulley))
-
-    def state(self) -> State:
-        """Allocate coordinates, contact and linearised system."""
-        return new_state(self.system.mesh)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +100,7 @@ class Bench:
         )
         system = System(
             mesh=mesh_on(nodes, self.contact.points_per_element),
-            section=Section.of(belt),
+            belt=Belt(*map(float, belt)),  # kernels are compiled for floats
             pulley=pulley,
             clamp=CLAMP * belt.EI / float(nodes[1]) if rig.supports == "clamped" else 0.0,
             across=np.array([[-down, along], [down, along]]),

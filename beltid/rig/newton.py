@@ -23,8 +23,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.params import Belt
 from beltid.rig.banded import HALF, factorize, kernel, solve
-from beltid.rig.belt import Section, add_belt, add_inertia
+from beltid.rig.belt import add_belt, add_inertia
 from beltid.rig.contact import Pulley, add_contact
 from beltid.rig.mesh import Mesh
 from beltid.rig.state import Motion, State
@@ -46,7 +47,7 @@ class System(NamedTuple):
     """
 
     mesh: Mesh
-    section: Section
+    belt: Belt
     pulley: Pulley
     clamp: float
     across: Array
@@ -54,14 +55,13 @@ class System(NamedTuple):
 
 
 class Border(NamedTuple):
-    """Boundaries: unknowns ``kinds`` (k,) and as many equations on the forces of the supports.
+    """Boundaries: equations ``weights @ (T_A, T_B) = given`` for up to two unknowns.
 
-    Kind 0 is the stretch; kind 1 is the speed of the pulley if the belt flows, else the movement of
-    the held coordinates (x, y of A, then of B) by ``moves`` (4,). The equations are
-    ``weights @ (T_A, T_B) = given``, shapes (k, 2), (k,).
+    Unknown 0 is the stretch; unknown 1 is the speed of the pulley if the belt flows, else the
+    movement of the held coordinates (x, y of A, then of B) by ``moves`` (4,). An unknown whose row
+    of ``weights`` (2, 2) is zero is given itself.
     """
 
-    kinds: NDArray[np.int64]
     weights: Array
     given: Array
     moves: Array
@@ -89,13 +89,13 @@ def held_row(i: int, n: int) -> int:
 @kernel
 def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
     """Assemble residual, tangent and columns at ``s.q``, ``s.u``; return the changes of status."""
-    mesh, section, n, rate, A, r = system.mesh, system.section, s.q.size, motion.rate, s.A, s.r
+    mesh, belt, n, rate, A, r = system.mesh, system.belt, s.q.size, motion.rate, s.A, s.r
     r[:], s.columns[:], A[:] = 0.0, 0.0, 0.0
-    add_belt(mesh, section, s, rate)
+    add_belt(mesh, belt, motion, s)
     if rate > 0.0:
         for i in range(n):
             s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
-        add_inertia(mesh, section, s, rate)
+        add_inertia(mesh, belt, s, rate)
     changes = add_contact(mesh, system.pulley, motion, s, revise)
     for end in range(2):
         first = 2 + end * (n - 4)
@@ -119,7 +119,8 @@ def hold(s: State, moves: Array) -> None:
     for i in range(4):
         row = held_row(i, n)
         s.force[i], s.kept[0, i], s.kept[1, i] = s.r[row], s.columns[0, row], s.columns[1, row]
-        s.rows[i] = s.A[row]
+        for j in range(s.A.shape[1]):
+            s.rows[i, j] = s.A[row, j]
     for i in range(4):
         row = held_row(i, n)
         s.r[row] = s.columns[0, row] = s.columns[1, row] = 0.0
@@ -130,13 +131,12 @@ def hold(s: State, moves: Array) -> None:
 
 
 @kernel
-def force_changes(s: State, x: Array, k: int, out: Array) -> None:
-    """Write the changes of the support forces with ``-x`` (n,) and, unless k = 2, the unknown k."""
+def held_forces(s: State, x: Array, out: Array) -> None:
+    """Multiply the rows of the held coordinates in the tangent by ``x`` (n,)."""
     for i in range(4):
-        row, total = held_row(i, x.size), 0.0
+        row, out[i] = held_row(i, x.size), 0.0
         for j in range(max(0, row - HALF), min(x.size, row + HALF + 1)):
-            total += s.rows[i, HALF + j - row] * x[j]
-        out[i] = s.kept[k, i] - total
+            out[i] += s.rows[i, HALF + j - row] * x[j]
 
 
 @kernel
@@ -144,8 +144,10 @@ def accept(s: State, rate: float) -> None:
     """End a step: rates, strains and contact are those that the next one starts from."""
     for i in range(s.q.size):
         s.q_dot[i] = (s.q[i] - s.q_old[i]) * rate
-    s.strains_old[:] = s.strains
     for el in range(s.now.shape[0]):
+        for g in range(s.strains.shape[1]):
+            for k in range(2):
+                s.strains_old[el, g, k] = s.strains[el, g, k]
         for c in range(s.now.shape[1]):
             s.last[el, c] = s.now[el, c]
 
@@ -159,21 +161,20 @@ def equilibrium(
     The state is overwritten by the solution, after ``most`` iterations at most. Returned are their
     number, -1 if there is no solution, and the largest force that is left over T_A [-].
     """
-    n, unknowns, rate = s.q.size, border.kinds.size, motion.rate
-    h_min, R, error = system.h_min, system.pulley.R, math.inf
-    stiffest = (1.0 + system.section.damping_time * rate) * system.section.EA / h_min
+    n, rate, h_min, R, error = s.q.size, motion.rate, system.h_min, system.pulley.R, math.inf
+    stiffest = (1.0 + system.belt.damping_time * rate) * system.belt.EA / h_min
     if rate > 0.0:
         stiffest += 1e-2 * system.pulley.k_t * h_min
-    miss, S, by, change, du = np.zeros(2), np.eye(2), np.zeros((2, 4)), np.zeros(4), np.zeros(2)
-    s.q[:] = s.q_old
-    if rate > 0.0:
-        s.q[:] += s.q_dot / rate
+    miss, du, change = np.zeros(2), np.zeros(2), np.zeros(4)
+    S, by = np.zeros((2, 2)), np.zeros((2, 4))
+    for i in range(n):
+        s.q[i] = s.q_old[i] + (s.q_dot[i] / rate if rate > 0.0 else 0.0)
     for iteration in range(most):
         changes = assemble(system, motion, s, iteration > 0)
         hold(s, border.moves)
         T = (math.hypot(s.force[0], s.force[1]), math.hypot(s.force[2], s.force[3]))
         error = 0.0
-        for k in range(unknowns):
+        for k in range(2):
             miss[k] = border.given[k] - border.weights[k, 0] * T[0] - border.weights[k, 1] * T[1]
             for i in range(4):
                 by[k, i] = border.weights[k, i // 2] * s.force[i] / T[i // 2]
@@ -187,32 +188,33 @@ def equilibrium(
         if not (error < 1e300 and factorize(s.A, s.pivots)):
             break
         solve(s.A, s.pivots, s.r, s.columns[0], s.columns[1])
-        force_changes(s, s.r, 2, change)
-        for k in range(unknowns):
+        # the equations, with the coordinates eliminated: S du = miss
+        held_forces(s, s.r, change)
+        for k in range(2):
             for i in range(4):
-                miss[k] -= by[k, i] * change[i]
-        for j in range(unknowns):
-            kind = border.kinds[j]
-            force_changes(s, s.columns[kind], kind, change)
-            for k in range(unknowns):
-                S[k, j] = np.sum(by[k] * change)
+                miss[k] += by[k, i] * change[i]
+        for j in range(2):
+            held_forces(s, s.columns[j], change)
+            for k in range(2):
+                is_given = border.weights[k, 0] == 0.0 and border.weights[k, 1] == 0.0
+                S[k, j] = 1.0 if k == j and is_given else 0.0
+                for i in range(4):
+                    S[k, j] += by[k, i] * (s.kept[j, i] - change[i])
         determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
         du[0] = (miss[0] * S[1, 1] - S[0, 1] * miss[1]) / determinant
         du[1] = (S[0, 0] * miss[1] - miss[0] * S[1, 0]) / determinant
-        s.r[:] = -s.r
-        for j in range(unknowns):
-            kind = border.kinds[j]
-            s.r[:] -= du[j] * s.columns[kind]
-            if kind == 1:
-                for i in range(4):
-                    s.r[held_row(i, n)] += du[j] * border.moves[i]
         factor = 1.0
+        for i in range(n):
+            s.r[i] = -s.r[i] - du[0] * s.columns[0, i] - du[1] * s.columns[1, i]
+        for i in range(4):
+            s.r[held_row(i, n)] += du[1] * border.moves[i]
         for i in range(n):
             longest = LONGEST_STEP * (R if i % 4 < 2 else 1.0)
             factor = min(factor, longest / max(abs(s.r[i]), 1e-30))
-        s.q[:] += factor * s.r
-        for j in range(unknowns):
-            s.u[border.kinds[j]] += factor * du[j]
+        for i in range(n):
+            s.q[i] += factor * s.r[i]
+        for k in range(2):
+            s.u[k] += factor * du[k]
     return -1, error / max(1e-30, math.hypot(s.force[0], s.force[1]))
 
 

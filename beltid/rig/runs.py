@@ -1,7 +1,16 @@
-"""Simulate one run of the rig, or the runs of one belt that is laid on and tightened once."""
+"""Simulate one run of the rig, or the runs of one belt that is laid on and tightened once.
+
+In time, the natural clock is the travel of the pulley's surface: the build-up takes 0.1 to 1 mm,
+whatever the speed (trap (a) of the method). If mu falls with the speed and follows it at once, the
+smallest disturbance of the belt at rest grows. Real friction follows a change of speed over a slip
+of the size of its contacts (the memory length of rate-and-state friction, J. H. Dieterich, J.
+Geophys. Res. 84 (1979) 2161). For such surfaces mu is looked up at the speed averaged over a memory
+of half the travel of the build-up; this does not change the plateau.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,16 +18,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, InputError
+from beltid.errors import BeltidError, ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.newton import STEP, equilibrium
-from beltid.rig.steady import StaticState, lay_on, slide
-from beltid.rig.transient import run_transient
+from beltid.rig.newton import STEP, Solver, equilibrium, march
+from beltid.rig.state import State
+from beltid.rig.steady import describe, lay_on, slide
 
 Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
+
+REST, BUILD_UP, STEPS = 10, 65, 130  # steps before the pulley turns, of the build-up, of the run
+BUILD_UP_MARGIN = 1.25
+PLATEAU_FACTOR = 15.0  # step of the plateau over that of the build-up: some 17 build-ups in all
+STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
+SETTLING = 12.0  # duration of the plateau over the settling time of the contact, at least
+MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
+SETTLED = 5.0e-3  # largest relative difference between the last and the steady tensions [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +65,7 @@ class RunResult:
     """
 
     model: RigModel
-    sliding: StaticState
+    sliding: State
     recording: Mapping[str, Array] | None
     halvings: int  # of steps
     clamped_lookups: int  # contact points that slide outside the measured range of the surface
@@ -84,13 +101,13 @@ class RunResult:
         """
         state, path, mesh = self.sliding, self.model.path, self.model.system.mesh
         touches = state.touching.ravel()
-        points = state.points.ravel()[touches]
+        points = state.now.ravel()[touches]
         phi = points["theta"] + 0.5 * path.beta
         return {
             "arc_position_m": path.R * phi,
             "normal_force_N_m": points["f_N"],
             "capstan_force_N_m": normal_force(phi, state.T_A, self.mu, path.R),
-            "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel()[touches] * state.stretch),
+            "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel()[touches] * state.u[0]),
             "slip_speed_m_s": points["speed"],
             "tension_N": self._axial_force()[touches],
             "sticks": points["sticks"],
@@ -102,7 +119,7 @@ class RunResult:
         The strain of the elements oscillates about the true one; the forces of the support and of
         the contact points do not. Half of a point's own force is included; inertia is neglected.
         """
-        points = self.sliding.points.ravel()
+        points = self.sliding.now.ravel()
         sine, cosine = np.sin(points["theta"]), np.cos(points["theta"])
         normal, tangent = np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)
         force = points["F_N"][:, None] * normal + points["F_T"][:, None] * tangent
@@ -146,7 +163,7 @@ def runs_of_one_belt(
 
 
 def _simulated(
-    bench: Bench, model: RigModel, laid: StaticState, settings: SimulationSettings
+    bench: Bench, model: RigModel, laid: State, settings: SimulationSettings
 ) -> RunResult:
     """Simulate a run from the belt laid on and tightened."""
     last, recording, steps = slide(model, laid), None, np.zeros(0, dtype=STEP)
@@ -163,7 +180,88 @@ def _simulated(
             "tension_slack_N": np.append(laid.T_B, slack),
             "pulley_speed_rad_s": np.append(0.0, steps["omega"]),
         }
-    touching = last.points[last.touching]
+    touching = last.now[last.touching]
     inside = bench.surface.covers(touching["f_N"], touching["speed"])
     outside = int(np.count_nonzero(~inside))
     return RunResult(model, last, recording, int(steps["halvings"].sum()), outside)
+
+
+def build_up_travel(model: RigModel, laid: State, sliding: State) -> float:
+    """Return the travel of the pulley's surface until all points slide [m].
+
+    The pulley carries the last point to slide from its position at rest to its position in the
+    sliding state, so the travel is the largest of these distances.
+    """
+    touches = sliding.touching & laid.touching
+    if not touches.any():
+        raise NumericsError(
+            f"{describe(model.point)}: no part of the belt touches both at rest and when sliding"
+        )
+    turned = (sliding.now["theta"] - laid.now["theta"])[touches]
+    return model.path.R * float(np.max(turned))
+
+
+def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.void]:
+    """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
+
+    The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
+    of the oscillation period of the slack span: an implicit Euler step damps what it does not
+    resolve, so vibrations from the start decay within the run. The plateau lasts several time
+    constants of the contact, which are its damping over its stiffness.
+    """
+    travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
+    dt = travel / BUILD_UP / (model.path.R * model.point.omega)
+    period = 2.0 * model.path.span * math.sqrt(model.system.belt.rhoA / sliding.T_B)
+    pulley, delta = model.system.pulley, model.path.R - sliding.now["rho"][sliding.touching]
+    stiffness = float(np.mean(pulley.k_linear + 2.0 * pulley.k_quadratic * delta))
+    settling = SETTLING * pulley.C_P / stiffness
+    record = np.zeros(STEPS, dtype=STEP)
+    record["dt"], record["omega"][REST:] = dt, model.point.omega
+    record["dt"][REST + BUILD_UP :] = max(
+        PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / (STEPS - REST - BUILD_UP)
+    )
+    return record
+
+
+def run_transient(
+    model: RigModel,
+    laid: State,
+    sliding: State,
+    falls: bool = False,
+    solver: Solver = equilibrium,
+) -> tuple[NDArray[np.void], State]:
+    """Turn the pulley under the laid-on belt until the plateau; return all steps, the last state.
+
+    The steady state ``sliding`` tells the travel of the build-up, ``falls`` whether mu falls with
+    the speed anywhere. A ConvergenceError says that a step failed after all halvings, or that the
+    plateau does not settle.
+    """
+    record, system = make_schedule(model, laid, sliding), model.system
+    if falls:
+        memory = MEMORY * build_up_travel(model, laid, sliding)
+        system = system._replace(pulley=system.pulley._replace(memory=memory))
+    s = at_rest(model, laid)
+    done = march(system, model.border, s, record, solver)
+    if done < STEPS:
+        step = record[done]
+        raise ConvergenceError(
+            f"{describe(model.point)}: the step at {record['dt'][:done].sum():.4g} s found no "
+            f"solution in {step['iterations']} iterations, halved {step['halvings']} times "
+            f"(residual {step['residual']:.2g} of T0)",
+        )
+    deviation = max(abs(s.T_A / sliding.T_A - 1.0), abs(s.T_B / sliding.T_B - 1.0))
+    if deviation > SETTLED:
+        raise ConvergenceError(
+            f"{describe(model.point)}: the plateau does not settle; its last tensions differ by "
+            f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)",
+        )
+    return record, s
+
+
+def at_rest(model: RigModel, laid: State) -> State:
+    """Return the state that a march starts from: the belt laid on, all of it sticking."""
+    s = State.of(model.system.mesh)
+    s.q[:], s.u[0], s.strains_old[:], s.last[:] = laid.q, laid.u[0], laid.strains, laid.now
+    s.last["F_T"] = s.last["speed"] = 0.0
+    s.last["sticks"], s.last["sign"] = laid.touching, 1.0
+    return s

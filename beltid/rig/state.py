@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -52,42 +53,43 @@ class State(NamedTuple):
     q: Array  # nodal coordinates (n,)
     q_old: Array  # at the last step
     q_dot: Array  # their rates
+    dq: Array  # deviation from uniform motion
+    r: Array  # residual (n,)
     u: Array  # stretch, and the other unknown of the borders or its given value (2,)
-    force: Array  # of the supports A and B on the belt, x and y each [N], (4,)
+    force: Array  # of the supports A (tight side) and B on the belt, x and y each [N], (4,)
     last: Points  # at the last step
     now: Points
     strains: Array  # axial strain and curvature (n_e, n_g, 2)
     strains_old: Array
     A: Array  # tangent (n, WIDTH)
     pivots: NDArray[np.int64]
-    r: Array  # residual (n,)
     columns: Array  # derivatives of the residual in the unknowns (2, n)
     rows: Array  # of the tangent, of the held coordinates (4, WIDTH)
-    kept: Array  # derivatives of the support forces in the unknowns (3, 4); the last row is zero
-    dq: Array  # deviation from uniform motion (n,)
+    kept: Array  # derivatives of the support forces in the unknowns (2, 4)
 
+    @classmethod
+    def of(cls, mesh: Mesh) -> State:
+        """Allocate a state: without stretch, all points slide towards B."""
+        n, points = 4 * mesh.h.size + 4, np.zeros((2, *mesh.w_c.shape), dtype=POINT)
+        points["sign"] = 1.0
+        (q, q_old, q_dot, dq, r), u = np.zeros((5, n)), np.array([1.0, 0.0])
+        (last, now), (strains, old) = points, np.zeros((2, *mesh.w_g.shape, 2))
+        A, pivots, columns = np.zeros((n, WIDTH)), np.zeros(n, dtype=np.int64), np.zeros((2, n))
+        of_points, of_system = (last, now, strains, old), (A, pivots, columns)
+        held = np.zeros((4, WIDTH)), np.zeros((2, 4))
+        return cls(q, q_old, q_dot, dq, r, u, np.zeros(4), *of_points, *of_system, *held)
 
-def new_state(mesh: Mesh) -> State:
-    """Allocate a state: without stretch, all points slide towards B."""
-    n, strains = 4 * mesh.h.size + 4, (*mesh.w_g.shape, 2)
-    last, now = np.zeros((2, *mesh.w_c.shape), dtype=POINT)
-    last["sign"] = now["sign"] = 1.0
-    q, q_old, q_dot, r, dq = (np.zeros(n) for _ in range(5))
-    return State(
-        q=q,
-        q_old=q_old,
-        q_dot=q_dot,
-        u=np.array([1.0, 0.0]),
-        force=np.zeros(4),
-        last=last,
-        now=now,
-        strains=np.zeros(strains),
-        strains_old=np.zeros(strains),
-        A=np.zeros((n, WIDTH)),
-        pivots=np.zeros(n, dtype=np.int64),
-        r=r,
-        columns=np.zeros((2, n)),
-        rows=np.zeros((4, WIDTH)),
-        kept=np.zeros((3, 4)),
-        dq=dq,
-    )
+    @property
+    def T_A(self) -> float:
+        """Magnitude of the force of support A, the tight side [N]."""
+        return math.hypot(self.force[0], self.force[1])
+
+    @property
+    def T_B(self) -> float:
+        """Magnitude of the force of support B, the slack side [N]."""
+        return math.hypot(self.force[2], self.force[3])
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Which points touch, shape (n_e, n_c)."""
+        return np.asarray(self.now["F_N"] > 0.0)

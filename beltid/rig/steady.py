@@ -9,7 +9,6 @@ point slides; the supports are fixed, or move until the given force acts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from beltid.params import OperatingPoint
 from beltid.rig.banded import HALF
 from beltid.rig.model import LARGEST_STRAIN, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
-from beltid.rig.state import Motion, Points, State
+from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
@@ -30,58 +29,27 @@ STAGES = tuple(tuple(k / n for k in range(1, n + 1)) for n in (1, 4, 16, 64))
 DEEPEST = 0.1  # largest plausible penetration over the radius
 
 
-@dataclass(frozen=True, slots=True)
-class StaticState:
-    """An equilibrium of the rig: laid on, sliding, or at the end of a time step."""
-
-    q: Array  # nodal coordinates (n,)
-    stretch: float  # stress-free length over path length [-]
-    force: Array  # of the supports A (tight side) and B on the belt, x and y each [N], (4,)
-    points: Points
-    strains: Array  # axial strain and curvature at the Gauss points (n_e, n_g, 2)
-
-    @classmethod
-    def of(cls, s: State) -> StaticState:
-        """Return what a solution has left in its arrays."""
-        return cls(s.q, float(s.u[0]), s.force, s.now, s.strains)
-
-    @property
-    def T_A(self) -> float:
-        """Magnitude of the force of support A, the tight side [N]."""
-        return math.hypot(self.force[0], self.force[1])
-
-    @property
-    def T_B(self) -> float:
-        """Magnitude of the force of support B, the slack side [N]."""
-        return math.hypot(self.force[2], self.force[3])
-
-    @property
-    def touching(self) -> NDArray[np.bool_]:
-        """Which points touch, shape (n_e, n_c)."""
-        return np.asarray(self.points["F_N"] > 0.0)
-
-
-def lay_on(model: RigModel) -> StaticState:
+def lay_on(model: RigModel) -> State:
     """Lay the belt on the pulley without friction and tighten it until the support force is T_0.
 
     A ConvergenceError says that there is no equilibrium, also when T_0 is approached from higher
     tensions; a NumericsError that it is meaningless.
     """
     T_0 = model.point.T_0
-    by_stretch = Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(4))
+    by_stretch = np.array([[1.0, 0.0], [0.0, 0.0]])
     stages = [
-        [(0.0, by_stretch._replace(given=np.array([k * T_0]))) for k in factors]
+        [(0.0, Border(by_stretch, np.array([k * T_0, 0.0]), np.zeros(4))) for k in factors]
         for factors in DETOURS
     ]
-    stretch = 1.0 / (1.0 + T_0 / model.system.section.EA)
+    stretch = 1.0 / (1.0 + T_0 / model.system.belt.EA)
     on_path = model.path.coordinates(model.nodes).ravel()
     return _approach(model, on_path, stretch, stages, "laying the belt on")
 
 
-def slide(model: RigModel, laid: StaticState) -> StaticState:
+def slide(model: RigModel, laid: State) -> State:
     """Turn the pulley under the laid-on belt until every touching point slides; as `lay_on`."""
     stages = [[(share, model.border) for share in shares] for shares in STAGES]
-    return _approach(model, laid.q, laid.stretch, stages, "the sliding belt")
+    return _approach(model, laid.q, float(laid.u[0]), stages, "the sliding belt")
 
 
 def _approach(
@@ -90,9 +58,9 @@ def _approach(
     stretch: float,
     sequences: list[list[tuple[float, Border]]],
     aim: str,
-) -> StaticState:
+) -> State:
     """Find an equilibrium through one of the sequences of friction shares and borders."""
-    s, spent, residual = model.state(), 0, math.inf
+    s, spent, residual = State.of(model.system.mesh), 0, math.inf
     for sequence in sequences:
         s.q_old[:], s.u[:] = start, (stretch, 0.0)
         for share, border in sequence:
@@ -103,18 +71,17 @@ def _approach(
                 break
             s.q_old[:] = s.q
         else:
-            state = StaticState.of(s)
-            _check_plausible(model, state)
-            return state
+            _check_plausible(model, s)
+            return s
     raise ConvergenceError(
         f"{describe(model.point)}: {aim} found no equilibrium in {spent} Newton iterations "
         f"(residual {residual:.2g} of T0)",
     )
 
 
-def _check_plausible(model: RigModel, state: StaticState) -> None:
+def _check_plausible(model: RigModel, state: State) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
-    R, depth = model.path.R, model.path.R - float(state.points["rho"].min())
+    R, depth = model.path.R, model.path.R - float(state.now["rho"].min())
     largest = max(state.T_A, state.T_B)
     problem = None
     if not state.touching.any():
@@ -124,7 +91,7 @@ def _check_plausible(model: RigModel, state: StaticState) -> None:
             f"the belt sinks {1e3 * depth:.3g} mm into the pulley, must be below {DEEPEST:.0%} of "
             "its radius: contact law too soft or tension too high"
         )
-    elif largest > LARGEST_STRAIN * model.system.section.EA:
+    elif largest > LARGEST_STRAIN * model.system.belt.EA:
         problem = (
             f"a tension of {largest:.4g} N stretches the belt by more than {LARGEST_STRAIN:.0%}"
         )
@@ -137,7 +104,7 @@ def describe(point: OperatingPoint) -> str:
     return f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s"
 
 
-def tension_sensitivity(model: RigModel, sliding: StaticState) -> tuple[Array, Array, Array]:
+def tension_sensitivity(model: RigModel, sliding: State) -> tuple[Array, Array, Array]:
     """Differentiate both tensions of a sliding state by mu at every look-up, by the adjoint.
 
     In an equilibrium the residual r(q; p) vanishes at the free coordinates and is the support force
@@ -148,22 +115,11 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> tuple[Array, A
 
     If a force ``w.T = W`` is given, the ends move by y, of which the tensions have the derivatives
     T_y: ``dT_given = dT - T_y (w.dT)/(w.T_y)``. Returned are the line forces at which mu is looked
-    up [N/m], and the derivatives of tight and slack tension by mu there [N], shapes (m,).
+    up [N/m], and the derivatives of tight and slack tension by mu there [N], shapes (m,). A
+    ConvergenceError says that the tangent is singular.
     """
-    a, points, touching = _adjoint(model, sliding), sliding.points, sliding.touching
-    nodes = a.reshape(2, -1, 2, 2)
-    elements = np.concatenate([nodes[:, :-1], nodes[:, 1:]], axis=2)
-    at = np.einsum("ecj,tejk->teck", model.system.mesh.N, elements)
-    theta = points["theta"]
-    along = at[..., 0] * np.cos(theta) - at[..., 1] * np.sin(theta)
-    tight, slack = (along * points["F_N"])[:, touching]
-    return points["f_N"][touching], tight, slack
-
-
-def _adjoint(model: RigModel, sliding: StaticState) -> Array:
-    """Return a (2, n) of both tensions; a ConvergenceError says that the tangent is singular."""
-    s, border = model.state(), model.border
-    s.q[:], s.u[:] = sliding.q, (sliding.stretch, 0.0)
+    s, border = State.of(model.system.mesh), model.border
+    s.q[:], s.u[:] = sliding.q, (sliding.u[0], 0.0)
     assemble(model.system, Motion(0.0, model.point.omega), s, False)
     hold(s, border.moves)
     n = s.q.size
@@ -180,9 +136,15 @@ def _adjoint(model: RigModel, sliding: StaticState) -> Array:
     except LinAlgError:
         raise ConvergenceError("the tangent of the sliding state is singular") from None
     a[:, held] = -t
-    if border.kinds.size:
+    if border.weights.any():
         by_movement = s.columns[1].copy()
         by_movement[held] = s.kept[1]
-        T_y, w = -a @ by_movement, border.weights[0]
+        T_y, w = -a @ by_movement, border.weights[1]
         a = a - np.outer(T_y / (w @ T_y), w @ a)
-    return np.asarray(a)
+    nodes, points, touching = a.reshape(2, -1, 2, 2), sliding.now, sliding.touching
+    elements = np.concatenate([nodes[:, :-1], nodes[:, 1:]], axis=2)
+    at = np.einsum("ecj,tejk->teck", model.system.mesh.N, elements)
+    theta = points["theta"]
+    along = at[..., 0] * np.cos(theta) - at[..., 1] * np.sin(theta)
+    tight, slack = (along * points["F_N"])[:, touching]
+    return points["f_N"][touching], tight, slack

@@ -10,7 +10,7 @@ surface of the others, whose uncertainty becomes that of the prediction, as in `
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ import pandas as pd
 
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
-from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, compare_losses
+from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import InputError, counted
 from beltid.identify.agreement import (
@@ -239,7 +239,7 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     return Predicted(fold, part, beyond, warnings)
 
 
-def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
+def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, Any]]:
     """Compare every run of a drive with its prediction, and judge those of enough torque."""
     measured, table = slip.columns, _predicted(slip, drive)
     at_idle = table["speed_rad_s"].abs() + table["speed_loss_rad_s"]
@@ -250,7 +250,7 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
     }
     loss = measured["speed_loss_rad_s"]
     # Eq. (7): the standard error of the loss is that of the sliding speed over R
-    radius = np.nanmedian(_over(measured["slip_speed_m_s"], loss))
+    radius = np.nanmedian(measured["slip_speed_m_s"][loss != 0.0] / loss[loss != 0.0])
     settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     points = {
         **{name: measured[name] for name in settings},
@@ -260,46 +260,26 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreem
         "arc_share": table["arc_share"].to_numpy(),
     }
     section, usable = config.compare_drive, measured["status"] == OK
-    result = compare_losses(
+    columns, facts, passed = compare_losses(
         points, usable, section.max_rms_relative_error, section.min_torque_share
     )
-    of_prediction = table["status"].fillna("no steady state")
+    judged, of_prediction = columns["judged"], table["status"].fillna("no steady state")
     status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
-    status[(status == OK) & ~result.judged] = "torque too small to be judged"
+    status[(status == OK) & ~judged] = "torque too small to be judged"
     return Outcome(
-        {
-            **points,
-            "difference_rad_s": result.difference,
-            "relative_difference": _over(result.difference, loss),
-            "u_validation_rad_s": result.u_validation,
-            "e_over_u": _over(result.difference, result.u_validation),
-            "judged": result.judged,
-            "status": status,
-        },
-        result,
-        facts={
-            "points_judged": int(result.judged.sum()),
-            "points_to_be_judged": result.asked,
-            "rms_relative_error": result.rms_relative,
-            "rms_over_uncertainty": result.rms_over_u,
-            "prominence": result.prominence,
-            "largest_arc_share": result.largest_arc_share,
-        },
-        validity={"torque_N_m": span(measured["torque_N_m"][result.judged])},
+        {**points, **columns, "status": status},
+        facts,
+        facts=facts,
+        validity={"torque_N_m": span(measured["torque_N_m"][judged])},
         set_aside=[
             {"run": str(run), "why": str(why)}
             for run, why in zip(measured["run"], status, strict=True)
             if why != OK
         ],
-        notes=tuple(_statements(result)),
-        verdict=_verdict(result, 100.0 * section.max_rms_relative_error),
-        passed=bool(result.passed),
+        notes=tuple(_statements(facts)),
+        verdict=_verdict(facts, passed, 100.0 * section.max_rms_relative_error),
+        passed=passed,
     )
-
-
-def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Divide; nan where the divisor is zero."""
-    return np.divide(values, by, out=np.full(by.size, np.nan), where=by != 0.0)
 
 
 def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
@@ -326,16 +306,17 @@ def _status(measured: str, predicted: str) -> str:
     return OK if predicted in (ADHESION, FULL_SLIP) else f"predicted: {predicted}"
 
 
-def _statements(result: LossAgreement) -> Iterator[str]:
+def _statements(facts: Mapping[str, Any]) -> Iterator[str]:
     """State what the recording tests and what it does not test."""
-    share, sizes = f"{100.0 * result.largest_arc_share:.0f} % of an arc slides", result.prominence
+    sliding, sizes = facts["largest_arc_share"], facts["prominence"]
+    share = f"{100.0 * sliding:.0f} % of an arc slides"
     seen, unseen = list[str](), list[str]()
     for name, size in sizes.items():
         of = seen if size > RESOLVED else unseen
         of.append(f"{name} ({size:.1f} standard uncertainties)")
     more = f"; too small to be seen in it: {', '.join(unseen)}" if unseen else ""
     yield f"parts of the loss that this recording can test: {', '.join(seen) or 'none'}{more}"
-    if result.largest_arc_share <= MOST_OF_ARC:
+    if sliding <= MOST_OF_ARC:
         yield f"friction is not tested: at most {share}"
     elif sizes["slip"] <= RESOLVED:
         yield f"up to {share}: friction carries the torques, but how large it is stays open"
@@ -344,14 +325,14 @@ def _statements(result: LossAgreement) -> Iterator[str]:
     yield "belt.axial_stiffness_N must not come from this recording: agreement would be no test"
 
 
-def _verdict(result: LossAgreement, allowed_percent: float) -> str:
-    word, rms = "PASS" if result.passed else "FAIL", 100.0 * result.rms_relative
+def _verdict(facts: Mapping[str, Any], passed: bool, allowed_percent: float) -> str:
+    word, rms = "PASS" if passed else "FAIL", 100.0 * facts["rms_relative_error"]
     if not np.isfinite(rms):
         return f"{word}: no point could be judged"
     text = (
         f"{word}: RMS {rms:.2f} % {'<=' if rms <= allowed_percent else '>'} {allowed_percent:g} %"
     )
-    if np.isfinite(result.rms_over_u):
-        text += f", {result.rms_over_u:.2f} standard uncertainties"
-    missing = result.asked - int(result.judged.sum())
+    if np.isfinite(facts["rms_over_uncertainty"]):
+        text += f", {facts['rms_over_uncertainty']:.2f} standard uncertainties"
+    missing = facts["points_to_be_judged"] - facts["points_judged"]
     return text + (f"; {missing} points have no prediction" if missing else "")

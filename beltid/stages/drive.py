@@ -16,8 +16,8 @@ from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import installed_belts, slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
-from beltid.drive.rods import short_spans
+from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult
+from beltid.drive.simulator import Simulator, short_spans
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -338,9 +338,8 @@ def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:
     tolerance, rows = section.belt_length_tolerance_m, []
     belts = installed_belts(drive, section.method, point, tolerance) if tolerance else {}
     for name, result in belts.items():
-        angle, largest = result.rest.arm_angle, float(np.max(result.tensions[0]))
-        forces = result.rest.hub_force, np.hypot(*result.hub_force.T), result.reserve
-        at_rest, hub, reserve = map(result.in_order, forces)
+        angle, at_rest = result.rest.arm_angle, result.in_order(result.rest.hub_force)
+        columns, largest = result.columns, float(np.max(result.columns["tension_in_N"]))
         for i, pulley in enumerate(drive.pulleys):
             rows.append(
                 {
@@ -351,8 +350,8 @@ def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:
                     "pulley": pulley.name,
                     "hub_force_at_rest_N": at_rest[i],
                     "largest_tension_N": largest,
-                    "hub_force_N": hub[i],
-                    "reserve": reserve[i],
+                    "hub_force_N": columns["hub_force_N"][i],
+                    "reserve": columns["reserve"][i],
                 }
             )
     return rows
@@ -390,41 +389,13 @@ def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
     """Return the columns of the drive table, with a row per point and pulley."""
     names, parts = np.array([pulley.name for pulley in drive.pulleys], dtype=object), []
     for k, (run, result) in enumerate(good.items(), start=1):
-        block = {name: result.in_order(values) for name, values in _block(result).items()}
         label = np.full(names.size, run, dtype=object)
-        parts.append({"point": np.full(names.size, k), "run": label, "pulley": names, **block})
+        parts.append(
+            {"point": np.full(names.size, k), "run": label, "pulley": names, **result.columns}
+        )
     return {
         name: np.where(np.isfinite(values), values, np.nan) if values.dtype == float else values
         for name, values in joined(parts).items()
-    }
-
-
-def _block(result: DriveResult) -> dict[str, np.ndarray]:
-    """Return the columns of one operating point, by pulley in the order of the running belt."""
-    state, loss, shares = result.state, result.loss, result.shares
-    steady_states = shares.pop("steady_states")
-    (before, behind), (x, y) = result.tensions, result.hub_force.T
-    return {
-        "driver_speed_rad_s": np.full(x.size, result.point.omega),
-        "initial_tension_N": np.full(x.size, result.rest.T_0),
-        "torque_N_m": result.torque,
-        "speed_rad_s": result.speed,
-        "speed_loss_rad_s": loss.total,
-        "loss_creep_rad_s": loss.creep,
-        "loss_seating_rad_s": loss.seating,
-        "loss_slip_rad_s": loss.slip,
-        "tension_in_N": before,
-        "tension_out_N": behind,
-        "hub_force_N": np.hypot(x, y),
-        "hub_angle_deg": np.degrees(np.arctan2(y, x)),
-        "wrap_deg": np.degrees(state.laid.wraps),
-        "arc_used_deg": np.degrees(result.arc_used),
-        "reserve": result.reserve,
-        **shares,
-        "friction_power_W": result.friction_power,
-        "status": np.array(result.status, dtype=object),
-        "steady_states": steady_states,
-        "span_frequency_Hz": result.span_frequency,
     }
 
 

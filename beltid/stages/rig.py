@@ -20,11 +20,11 @@ import numpy as np
 from beltid.config import Config, load_config
 from beltid.errors import BeltidError, InputError, NumericsError, counted, percent
 from beltid.identify.agreement import SAME_SETTING
+from beltid.laws.capstan import Spans
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log, progress
 from beltid.params import OperatingPoint
-from beltid.rig.mesh import swinging_share
 from beltid.rig.model import Bench
 from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
 from beltid.stage import Outcome, as_measured
@@ -295,7 +295,8 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
     if config.rig.kind != "dead_weight":
         return []
     belt, rig = config.belt_params(), config.rig_params()
-    share = max(swinging_share(belt, rig, point) for point in points)
+    spans = Spans(belt.EI, rig.span)  # a guided end adds their turn to the arc, a free one does not
+    share = max(float(spans.turn(point.T_0, rig.R)) / point.beta for point in points)
     return [
         f"a dead weight that swings, not guided, makes mu lower by up to {percent(100 * share)}"
     ]

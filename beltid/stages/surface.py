@@ -418,8 +418,8 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             change = f"{size:+.{digits}f} ± {u:.{digits}f} %"
             yield f"friction changes by {change}{of} ({what}): {meaning}"
     if scale > MOST_NOISE:
-        usual = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
-        yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {usual}"
+        most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
+        yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
     for key, usual in unusual_effects(found).items():
         shown = f"standard deviation {percent(100 * usual)}"
         yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"

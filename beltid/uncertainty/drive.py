@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.results import ADHESION, DriveResult, Method, Simulator
+from beltid.drive.results import ADHESION, DriveResult
+from beltid.drive.simulator import Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.uncertainty.measured import PressLaw
@@ -132,11 +133,11 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
     """
     rows = []
     for result in results:
-        loss, speed = result.loss, np.abs(result.speed)
-        relative = np.hypot(0.14 * np.sqrt(np.abs(loss.seating * loss.total)), loss.slip)
-        u = speed * np.max(relative / speed)
-        u[result.drive.driver] = 0.0
-        rows.append(result.in_order(u))
+        speed, loss, _, seating, slip = result.speeds.values()
+        relative = np.hypot(0.14 * np.sqrt(np.abs(seating * loss)), slip) / np.abs(speed)
+        is_driver = np.arange(speed.size) == result.drive.driver
+        u = np.abs(speed) * np.max(relative)
+        rows.append(np.where(result.in_order(is_driver), 0.0, u))
     return np.array(rows)
 
 
@@ -161,7 +162,7 @@ def _solved(
 def _losses(drive: Drive, results: Results) -> Array:
     """Return the speed losses [rad/s], (n_points, n_pulleys); nan without a steady state."""
     unknown = np.full(len(drive.pulleys), np.nan)
-    return np.array([unknown if r is None else r.in_order(r.loss.total) for r in results])
+    return np.array([unknown if r is None else r.speeds["speed_loss_rad_s"] for r in results])
 
 
 def with_errors(
@@ -178,7 +179,7 @@ def with_errors(
         )
         for i, pulley in enumerate(drive.pulleys)
     )
-    belt = replace(drive.belt, EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
+    belt = drive.belt._replace(EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
     law = None if drive.law is None else press.corrected(errors)
     tension, torque = 1.0 + errors.at("initial_tension"), 1.0 + errors.at("torque")
     moved = [replace(point.scaled(torque), T_0=point.T_0 * tension) for point in points]

@@ -35,7 +35,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import StaticState, lay_on, slide, tension_sensitivity
+from beltid.rig.state import State
+from beltid.rig.steady import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
@@ -138,7 +139,7 @@ class RigRuns:
         self.off_speed = np.log(runs.slip_speed / self.speeds[self.label])
         self.models: list[RigModel] = []
         for i, (beta, T_0, R, span, EI, EA, *k) in enumerate(inputs.tolist()):
-            belt, rig = replace(bench.belt, EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
+            belt, rig = bench.belt._replace(EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
             of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
             point = OperatingPoint(beta, T_0, self.speeds[self.label[i]] / R)
             if isinstance(mesh, float):
@@ -160,7 +161,7 @@ class RigRuns:
             force, tight, slack = tension_sensitivity(model, state)
             per_mu = tight / state.T_A - slack / state.T_B
             weight = per_mu / (beta * mu) * surface.mu(force, speed)
-            load = state.points[state.touching]["F_N"]
+            load = state.now[state.touching]["F_N"]
             runs.append(Sliding(state.T_A, state.T_B, mu, force, load, weight))
         return runs
 
@@ -173,7 +174,7 @@ class RigRuns:
 
     def _states(
         self, surfaces: Sequence[FrictionSurface]
-    ) -> Iterator[tuple[RigModel, StaticState, FrictionSurface]]:
+    ) -> Iterator[tuple[RigModel, State, FrictionSurface]]:
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
             yield run, slide(run, laid), surfaces[j]

@@ -9,7 +9,8 @@ import numpy as np
 from golden.test_chain import true_mu
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import DriveResult, Method, Simulator
+from beltid.drive.results import DriveResult
+from beltid.drive.simulator import Method, Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -37,6 +38,11 @@ def simulate(
     """The steady states of several points of a drive."""
     simulator = Simulator(drive, method)
     return [simulator.solve(point) for point in points]
+
+
+def loss_of(result: DriveResult) -> np.ndarray:
+    """Speed losses against idling, by pulley as stated."""
+    return result.columns["speed_loss_rad_s"]
 
 
 LAWS = {"4pk": NormalLaw(5.6e7, 2.20e11), "5pk": LAW_5PK, "6pk": NormalLaw(7.1e7, 3.90e11)}

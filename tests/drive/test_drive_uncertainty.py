@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import simulate
+from drives import loss_of, simulate
 
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import Simulator
+from beltid.drive.simulator import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -52,7 +52,7 @@ def test_the_friction_surface_acts_by_its_covariance() -> None:
     assert found.surface[0, 1] > 10.0 * found.surface[1, 1]  # short of full slip friction is silent
     # by hand: the drive solved from scratch with all friction higher by one standard uncertainty
     moved = simulate(drive_on(rising(0.8 * math.exp(0.01))), points, "rod")
-    change = moved[0].loss.total[1] - results[0].loss.total[1]
+    change = loss_of(moved[0])[1] - loss_of(results[0])[1]
     assert found.surface[0, 1] == pytest.approx(abs(change), rel=1e-3)
     # two changes of every node that are one: the covariance counts, not its columns
     half = np.full((*drive.surface.mu_nodes.shape, 2), 0.01 / math.sqrt(2.0))
@@ -74,7 +74,7 @@ def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() 
     # by hand: the drive solved again from scratch with the torque off
     found = drive_uncertainty(drive, [near_limit], results, PRESS, (small,))
     (moved,) = simulate(drive, [near_limit.scaled(1.001)], "rod")
-    change = moved.loss.total[1] - results[0].loss.total[1]
+    change = loss_of(moved)[1] - loss_of(results[0])[1]
     assert found.shared[0, 1, 0] == pytest.approx(change, rel=1e-3)
     assert math.isclose(found.combined[0, 1], abs(change), rel_tol=1e-3)
 
@@ -84,14 +84,14 @@ def test_friction_slower_than_measured_is_between_no_trend_and_all_of_it() -> No
     drive = drive_on(rising(0.8, 2.5e-3))
     (found,) = simulate(drive, [STICKS], "rod")
     limits = [
-        simulate(replace(drive, slow_trend=share), [STICKS], "rod")[0].loss.total[1]
+        loss_of(simulate(replace(drive, slow_trend=share), [STICKS], "rod")[0])[1]
         for share in (0.0, 1.0)
     ]
-    assert min(limits) < found.loss.total[1] < max(limits)
+    assert min(limits) < loss_of(found)[1] < max(limits)
     u = change_by_slower_friction(drive, [STICKS], [found])[0, 1]
     assert u == pytest.approx((limits[1] - limits[0]) / math.sqrt(12.0), rel=3e-4)
     (true,) = simulate(drive_on(rising(0.8)), [STICKS], "rod")
-    assert abs(true.loss.total[1] - found.loss.total[1]) < 2.0 * abs(u)
+    assert abs(loss_of(true)[1] - loss_of(found)[1]) < 2.0 * abs(u)
 
 
 def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> None:
@@ -105,7 +105,7 @@ def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> 
     assert here.status == ("adhesion", "adhesion")
     assert "full slip" in there.status
     u = change_by_slower_friction(drive, [point], simulate(drive, [point]))[0, 1]
-    off = there.loss.total[1] - here.loss.total[1]
+    off = loss_of(there)[1] - loss_of(here)[1]
     assert u == pytest.approx(off / math.sqrt(12.0), rel=1e-6)
 
 
@@ -129,6 +129,6 @@ def test_the_uncertainty_of_a_string_covers_that_it_does_not_bend() -> None:
         (string,), (rod,) = (simulate(drive, point, method) for method in ("string", "rod"))
         u = without_bending([string])[0]
         assert u[0] == 0.0
-        over_u.append((rod.loss.total[1] - string.loss.total[1]) / u[1])
+        over_u.append((loss_of(rod)[1] - loss_of(string)[1]) / u[1])
     assert np.all(np.abs(over_u) < 2.0)
     assert 0.5 < np.sqrt(np.mean(np.square(over_u))) < 1.5

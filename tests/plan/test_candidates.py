@@ -64,7 +64,7 @@ def test_arcs_that_were_measured_keep_their_numbers(candidates):
 
 def test_a_bending_stiffness_that_is_larger_shows_as_the_difference_of_two_simulations(candidates):
     rows = candidates.rows([source("bending_stiffness", 0.05)], NoiseLaw(), {})
-    stiffer = replace(BENCH, belt=replace(BENCH.belt, EI=1.05 * BENCH.belt.EI))
+    stiffer = replace(BENCH, belt=BENCH.belt._replace(EI=1.05 * BENCH.belt.EI))
     change = np.log(simulated_mu(stiffer) / simulated_mu(BENCH))
     # measured less simulated: the simulated coefficient falls out with the other sign
     # (the derivative of a coarse mesh scatters where few contact points touch)

@@ -14,7 +14,8 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.banded import HALF
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import StaticState, lay_on, slide
+from beltid.rig.state import State
+from beltid.rig.steady import lay_on, slide
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def at(arc_deg: float = 82.0, T_0: float = 270.0, omega: float = 0.21) -> Operat
 
 def slid(
     rig: Bench, point: OperatingPoint, mesh: int | RigModel | None = None
-) -> tuple[RigModel, StaticState, StaticState]:
+) -> tuple[RigModel, State, State]:
     """A run laid on, and sliding."""
     model = rig.model(point, mesh)
     laid = lay_on(model)

@@ -11,8 +11,8 @@ from beltid.params import Contact
 from beltid.rig.banded import HALF, WIDTH, factorize, kernel, solve
 from beltid.rig.model import RigModel
 from beltid.rig.newton import assemble
+from beltid.rig.runs import at_rest
 from beltid.rig.state import Motion, State
-from beltid.rig.transient import at_rest
 
 OMEGA = 0.3
 SURFACE = surface_5pk()

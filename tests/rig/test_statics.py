@@ -30,9 +30,9 @@ def test_the_belt_touches_down_where_the_closed_form_says(EI: float) -> None:
     model, laid, _ = slid(rig, point, 200)
     offset, layer, slope = touchdown(rig.belt, rig.rig, rig.law, point.T_0)
     first = np.flatnonzero(laid.touching.ravel())[0]
-    phi = laid.points["theta"].ravel()[first] + 0.5 * point.beta
+    phi = laid.now["theta"].ravel()[first] + 0.5 * point.beta
     assert rig.rig.R * phi == pytest.approx(offset, abs=0.1 * layer)
-    depth = rig.rig.R - laid.points["rho"].ravel()[first + 1 : first + 4]
+    depth = rig.rig.R - laid.now["rho"].ravel()[first + 1 : first + 4]
     s = np.cumsum(np.full(3, float(model.system.mesh.w_c.ravel()[first])))
     assert np.polyfit(s, depth, 1)[0] == pytest.approx(slope, rel=0.35)
 
@@ -67,7 +67,7 @@ def test_a_given_force_is_the_held_rig_that_ends_at_it(given: str) -> None:
 
 def test_supports_balance_the_contact_forces() -> None:
     model, _, state = slid(bench(law=LAW_5PK), at(), 16)
-    points = state.points[state.touching]
+    points = state.now[state.touching]
     n = np.stack([np.sin(points["theta"]), np.cos(points["theta"])])
     t = np.stack([n[1], -n[0]])
     contact = (points["F_N"] * n + points["F_T"] * t).sum(axis=1)
@@ -103,7 +103,7 @@ def test_results_do_not_depend_on_the_mesh_that_is_chosen() -> None:
 def test_friction_is_looked_up_at_the_force_and_the_speed_of_the_point() -> None:
     surface = surface_5pk()
     _, _, state = slid(bench(law=LAW_5PK, mu=surface), at())
-    points = state.points[state.touching]
+    points = state.now[state.touching]
     expected = surface.mu(points["f_N"], 0.21 * 0.05) * points["F_N"]
     np.testing.assert_allclose(points["F_T"], expected, rtol=1e-9)
 

@@ -14,8 +14,7 @@ from beltid.params import Contact
 from beltid.rig import lcp
 from beltid.rig.model import Bench
 from beltid.rig.newton import STEP, march
-from beltid.rig.runs import SimulationSettings, simulate
-from beltid.rig.transient import at_rest, make_schedule, run_transient
+from beltid.rig.runs import SimulationSettings, at_rest, make_schedule, run_transient, simulate
 
 FALLING = FrictionSurface([1000.0, 20000.0], [0.001, 0.1], [[0.9, 0.5], [0.8, 0.45]])
 

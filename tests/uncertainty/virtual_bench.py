@@ -117,7 +117,7 @@ def read(design: Design, rng: np.random.Generator) -> Measured:
     zeros, arc = [draw(u["cell_offset"]) for _ in range(2)], draw(u["arc"])
     of_setting = [draw(u["arc_setting"]) for _ in arcs_deg]
     EI, EA = (draw(u[name]) for name in ("bending_stiffness", "axial_stiffness"))
-    belt = replace(belt, EI=belt.EI * (1.0 + EI), EA=belt.EA * (1.0 + EA))
+    belt = belt._replace(EI=belt.EI * (1.0 + EI), EA=belt.EA * (1.0 + EA))
     R, span = rig.R * (1.0 + draw(u["pulley_radius"])), rig.span + draw(u["span_length"])
     turning, press = 1.0 + draw(u["pulley_speed"]), 1.0 + draw(u["press_force"])
     press, travel = press / (1.0 + draw(u["segment_length"])), 1.0 + draw(u["press_displacement"])

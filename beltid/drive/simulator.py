@@ -1,10 +1,11 @@
-"""Solve the loop with a rod on each pulley: the belt bends, and its ribs seat over some length.
+"""Solve operating points of a drive, with strings or with a rod on each pulley.
 
-Spans longer than six bending lengths decouple the pulleys, so a drive is a chain of one-pulley maps
-coupled by span forces, flow and levers. The loop of the string is solved with the difference of rod
-and string added to each pulley (D12): torque, speed, stress-free length, and the part of the arc on
-which the belt can slide towards its exit. Then the rods are solved with its forces. This repeats
-until the forces no longer change, usually twice.
+A rod bends, and its ribs seat over some length. Spans longer than six bending lengths decouple the
+pulleys, so a drive is a chain of one-pulley maps coupled by span forces, flow and levers. The loop
+of the string is solved with the difference of rod and string added to each pulley (D12): torque,
+speed, stress-free length, and the part of the arc on which the belt can slide towards its exit.
+Then the rods are solved with its forces. This repeats until the forces no longer change, usually
+twice.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.loop import LoopState, solve_loop
+from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.rest import RestState, rest_state
+from beltid.drive.results import DriveResult, adhesion_arc
 from beltid.drive.string import Level, seat, sliding_arc
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.capstan import Spans
@@ -28,6 +31,7 @@ from beltid.rig.mesh import bending_length
 
 Array = NDArray[np.float64]
 Rods = tuple[FlowState | None, ...]
+Method = Literal["string", "rod"]
 
 SHORTEST_SPAN = 6.0  # in bending lengths: the bending at pulleys further apart does not interact
 MOST_ROUNDS = 16
@@ -53,38 +57,69 @@ def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
     ]
 
 
-def adhesion_arc(rod: FlowState) -> float:
-    """Return the angle on which a rod sticks [rad]; a single point is no adhesion arc."""
-    width, sticks = np.abs(np.gradient(rod.points["theta"])), rod.points["sticks"]
-    return float(width[sticks].sum()) if (sticks[1:] & sticks[:-1]).any() else 0.0
+class Simulator:
+    """Solve operating points of a drive; the belt at rest and the idling drive are cached.
 
-
-class RodLevel:
-    """The pulleys of a drive at rod level; those on the rigid back of the belt stay strings.
-
-    An InputError says that there is no contact law: a rigid pulley has no bed.
+    Pulleys on the rigid back of the belt stay strings. An InputError says that rods have no contact
+    law: a rigid pulley has no bed.
     """
 
-    def __init__(self, drive: Drive, strings: Level) -> None:
-        if drive.law is None:
-            raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
-        self.drive, self.strings, self.law = drive, strings, drive.law
+    def __init__(self, drive: Drive, method: Method = "string") -> None:
+        self.drive, self.method, self.strings = drive, method, Level.of(drive)
+        if method == "rod":
+            if drive.law is None:
+                raise InputError(
+                    "rod level: needs a contact law of the ribs; rigid pulleys have none"
+                )
+            self.law = drive.law
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
+        self._rest: dict[str, RestState] = {}
+        self._idle: dict[tuple[float, str], LoopState] = {}
         self._last: dict[tuple[float, float], LoopState] = {}
         self._known: dict[tuple[int, float, float], FlowPulley] = {}
 
-    def at_rest(self, T_0: float) -> tuple[RestState, Level]:
-        """Tighten the belt at rest; return also the level, with the ends of rods laid on there."""
-        level = self.strings
-        for _ in range(2):  # the lengths at the ends hardly depend on the tension
-            rest = rest_state(self.drive, level, T_0)
-            ends = [self._end(i, rest) for i in range(len(self.drive.pulleys))]
-            level = replace(self.strings, EI=self.drive.belt.EI, ends=np.array(ends))
-        return rest_state(self.drive, level, T_0), level
+    def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
+        """Find the steady state of a point, and of the drive that idles at its speed.
 
-    def solve(
-        self, point: DrivePoint, rest: RestState, level: Level, near: LoopState | None = None
-    ) -> LoopState:
+        At a negative speed of the driver the belt runs against the order of the pulleys: the result
+        then contains the reversed drive and the reversed point. The search starts from a result at
+        the same point of a similar drive, if there is one ``near``. An InputError says that the
+        belt cannot be laid on or tightened as stated, a ConvergenceError that no steady state was
+        found.
+        """
+        if point.omega < 0.0:
+            return self.backwards._forwards(point.reversed(), near)
+        return self._forwards(point, near)
+
+    @cached_property
+    def backwards(self) -> Simulator:
+        """Simulator of the belt that runs the other way."""
+        return Simulator(self.drive.reversed(), self.method)
+
+    def at_rest(self, point: DrivePoint) -> RestState:
+        """Tighten the belt at rest as the point states it; rods add the lengths of their ends."""
+        key = str(point.T_0)  # nan is no key: it differs from itself
+        if key not in self._rest:
+            rest = rest_state(self.strings, point.T_0)
+            for _ in range(2 if self.method == "rod" else 0):  # they hardly depend on the tension
+                ends = np.array([self._end(i, rest) for i in range(len(self.drive.pulleys))])
+                level = replace(self.strings, EI=self.drive.belt.EI, ends=ends)
+                rest = rest_state(level, point.T_0)
+            self._rest[key] = rest
+        return self._rest[key]
+
+    def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
+        """Solve a point with the belt running in the order of the pulleys."""
+        solve = solve_loop if self.method == "string" else self._with_rods
+        rest, key, unloaded = self.at_rest(point), (point.omega, str(point.T_0)), point.scaled(0.0)
+        if key not in self._idle:
+            self._idle[key] = solve(unloaded, rest, None if near is None else near.idle)
+        idle = state = self._idle[key]
+        if point != unloaded:
+            state = solve(point, rest, None if near is None else near.state)
+        return DriveResult(point, rest, state, idle)
+
+    def _with_rods(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
         """Find the steady state of an operating point, from that of a similar drive if it is known.
 
         A ConvergenceError says that the loop or a rod has no steady state, or that their forces do
@@ -95,9 +130,10 @@ class RodLevel:
         if like is not None and like.rods:
             known = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
             with suppress(ConvergenceError):
-                state = solve_loop(point, replace(level, **known), rest, like)
+                corrected = replace(rest, level=replace(rest.level, **known))
+                state = solve_loop(point, corrected, like)
         if state is None or np.isnan(state.arcs.slip).any():
-            state = solve_loop(point, level, rest)
+            state = solve_loop(point, rest)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
@@ -105,8 +141,8 @@ class RodLevel:
                 slip = np.full(state.P.size, math.nan)
                 return replace(state, arcs=state.arcs._replace(slip=slip))
             rods = self._rods(state, rest, near)
-            level = self._corrected(state, rest, level, rods)
-            last, state = state, solve_loop(point, level, rest, state)
+            last = state
+            state = solve_loop(point, self._corrected(state, rest, rods), state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE * (SLIPPING if state.arcs.slip.any() else 1.0):
                 found = self._last[rest.T_0, point.omega] = self._told(state, rods)
@@ -129,26 +165,27 @@ class RodLevel:
         rate = np.where(np.isnan(slip), state.arcs.rate, state.arcs.W - ahead)
         return replace(state, arcs=state.arcs._replace(slip=slip, rate=rate), rods=rods)
 
-    def _corrected(self, state: LoopState, rest: RestState, level: Level, rods: Rods) -> Level:
+    def _corrected(self, state: LoopState, rest: RestState, rods: Rods) -> RestState:
         """Return the level with the differences of the rods to the strings on the arcs at rest."""
         wraps, v0, P_in, P_out = rest.laid.wraps, state.v0, state.P_in, state.P.copy()
         room, torque, speed = np.zeros(len(rods)), np.zeros(len(rods)), np.ones(len(rods))
         length = 0.0
         there = [(i, rod) for i, rod in enumerate(rods) if rod is not None]
         for i, rod in there:
-            P_in[i], P_out[i] = rod.T_in, rod.T_out
+            P_in[i], P_out[i] = rod.s.T_A, rod.s.T_B
             x = min(self._whole_slip(i, rod), self.fastest) * math.isfinite(self.fastest)
-            held, _ = sliding_arc(rod.T_in, rod.T_out, v0, x, self.strings.sections[i])
+            held, _ = sliding_arc(rod.s.T_A, rod.s.T_B, v0, x, self.strings.sections[i])
             room[i] = max(held + adhesion_arc(rod), self._bent_arc(i, rest, rod)) - wraps[i]
         strings = replace(self.strings, room=room).arcs(P_in, P_out, v0, wraps)
         for i, rod in there:
             torque[i] = rod.torque - strings.torque[i]
             speed[i] = rod.W / strings.W[i]
-            span, P = self._pulley(i, rest).span, np.array([rod.T_in, rod.T_out])
+            span, P = self._pulley(i, rest).span, np.array([rod.s.T_A, rod.s.T_B])
             # the far end of the computed span stays on the tangent of the circle
-            of_string = span / self.drive.stretch(P, v0) + self._bent(i, level, P, span)
+            of_string = span / self.drive.stretch(P, v0) + self._bent(i, rest.level, P, span)
             length += rod.length - float(strings.length[i] + of_string.sum())
-        return replace(level, torque=torque, speed=speed, room=room, length=length)
+        level = replace(rest.level, torque=torque, speed=speed, room=room, length=length)
+        return replace(rest, level=level)
 
     def _bent(self, i: int, level: Level, P: Array, span: float) -> Array:
         """Return the lengths of a rod with spans of that length beyond those of a string, (D15)."""
@@ -162,7 +199,7 @@ class RodLevel:
             return 1.0 / (12.0 * self.drive.pulleys[i].R ** 2)  # of a rigid pulley
         rod, s = self._pulley(i, rest), self.strings.sections[i]
         stretch, radius = seat(rod.tension, 0.0, s)
-        own = 0.5 * rod.laid.stretch * rod.model.path.length
+        own = 0.5 * float(rod.laid.u[0]) * rod.model.path.length
         own -= (rod.span + 0.5 * rod.wrap * radius) / stretch
         without = self._bent(i, self.strings, np.array([rod.tension]), rod.span)[0]
         return float((own - without) / (self.drive.belt.EI / rod.tension) ** 1.5)
@@ -173,8 +210,8 @@ class RodLevel:
         It leaves the pulley at an angle psi to its force, (T15), with a concentrated friction.
         """
         pulley, EI = self._pulley(i, rest), self.drive.belt.EI
-        mu = friction(pulley.surface, rod.T_in / pulley.R, SLIDING * rod.v0)[0]
-        P = np.array([max(rod.T_in, rod.T_out), min(rod.T_in, rod.T_out)])
+        mu = friction(pulley.surface, rod.s.T_A / pulley.R, SLIDING * rod.v0)[0]
+        P = np.sort([rod.s.T_A, rod.s.T_B])[::-1]
         psi = np.arccos(np.maximum(1.0 - EI / (2.0 * P * pulley.R**2), 0.0))
         ends = np.cos(psi) + mu * np.sin(psi) * (-1.0, 1.0)
         turns = Spans(EI, pulley.span).turn(P, pulley.R)
@@ -192,7 +229,7 @@ class RodLevel:
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
             start = rod.nearest(v0, P_in, P_out)
             other = near.rods[i] if near is not None and near.rods else None
-            if other is not None and other.q.size == 4 * rod.model.nodes.size:
+            if other is not None and other.s.q.size == 4 * rod.model.nodes.size:
                 start = other
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
@@ -201,7 +238,7 @@ class RodLevel:
                 fastest = self.fastest if math.isfinite(self.fastest) else no_range
                 ahead = math.copysign(fastest, P_in - P_out) / rod.R
                 found = flow(rod, v0, P_in, omega=float(state.arcs.rate[i]) * v0 + ahead)
-                if abs(math.log(P_out / P_in)) < abs(math.log(found.T_out / P_in)):
+                if abs(math.log(P_out / P_in)) < abs(math.log(found.s.T_B / P_in)):
                     raise  # friction could hold the forces
             rods.append(found)
         return tuple(rods)
