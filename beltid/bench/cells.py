@@ -22,9 +22,8 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.names import distinct_names, is_unit
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_clock, is_date, is_number
-from beltid.bench.raw import Field, Raw, first_texts
+from beltid.bench.raw import Field, Raw, distinct_names, first_texts, is_unit
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
 from beltid.store.disk import MAX_BYTES

@@ -84,11 +84,6 @@ def is_many(path: Path) -> bool:
     return path.is_dir() or (not path.exists() and glob.has_magic(str(path)))
 
 
-def exists(path: Path) -> bool:
-    """Return whether the file or folder exists, or any file matches the pattern."""
-    return path.exists() or any(glob.iglob(str(path)))
-
-
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     """List the files that a file, zip file, folder or pattern names, without those `besides`."""
     name = _shown(path)

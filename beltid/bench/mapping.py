@@ -16,17 +16,19 @@ from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.names import (
+from beltid.bench.numbers import NumberSigns, written_as
+from beltid.bench.raw import (
     IN_NAME,
     POSITION,
+    Field,
+    Raw,
+    first_texts,
     is_unit,
     roles_meant,
     simplified,
     span_of,
     split_unit,
 )
-from beltid.bench.numbers import NumberSigns, written_as
-from beltid.bench.raw import Field, Raw, first_texts
 from beltid.config import Config
 from beltid.config.model import KINDS, DialectSection
 from beltid.errors import InputError, Problems
@@ -78,6 +80,7 @@ class Needs:
     units: Mapping[str, str | Mapping[str, float]] = field(default_factory=dict)
     pattern: str | None = None  # of the file names, with label and settings
     run_table: Path | None = None  # with a row per file
+    rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of it, by file or group
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: DialectSection = field(default_factory=DialectSection)
     measures: tuple[str, str] = ("two_cells", "tight")  # by the config, and the span of a weight
@@ -96,9 +99,16 @@ class Needs:
             both = f'dialect.decimal and dialect.thousands are both "{dialect.decimal}"'
             raise InputError(f"config: {both}, must differ")
         weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
-        of_runs = runs["pattern"], runs["table"], weight | runs["values"]
-        named, measures = config.columns[kind], (rig.kind, rig.weight_on)
-        return cls(table, named, config.units[kind], *of_runs, dialect, measures)
+        return cls(
+            table,
+            config.columns[kind],
+            config.units[kind],
+            runs["pattern"],
+            runs["table"],
+            values=weight | runs["values"],
+            dialect=dialect,
+            measures=(rig.kind, rig.weight_on),
+        )
 
     @property
     def kind(self) -> str:
