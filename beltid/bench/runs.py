@@ -233,7 +233,8 @@ class Checker:
         if guess := "" if few else other_unit(column, kind, values):
             self._report_unit(place, column, values, f"if it is in {guess}, say so", guess)
             return True
-        if not self.timed or column.unit not in ("N", "mm") or column.name in NOMINAL:
+        is_compared = column.unit in ("N", "mm") and column.name not in NOMINAL
+        if not self.timed or not is_compared or not self.codes.any():
             return False
         runs = pd.Series(np.abs(values) if column.unit == "N" else values).groupby(self.codes)
         size = runs.max() if column.unit == "N" else (runs.max() - runs.min()) / 2
@@ -258,8 +259,12 @@ class Checker:
     def _setting(self, name: str) -> None:
         """Fill in a setting that only some rows of a run state; report it if it changes there."""
         codes, values = self.codes, self.columns[name]
-        first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
         stated = ~absent(values) & (codes >= 0)
+        begins = stated & ~pd.Series(np.where(stated, codes, -1)).duplicated().to_numpy()
+        nothing = None if values.dtype == object else np.nan
+        first = np.full(codes.max() + 2, nothing, values.dtype)
+        first[codes[begins]] = values[begins]
+        first = first[codes]
         differ = (values != first) & stated
         if values.dtype != object:
             differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
