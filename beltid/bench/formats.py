@@ -119,7 +119,7 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
         if not re.match(rb"\s*[12]\s+2\b", head):
             raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
     file = pyuff.UFF(str(path))
-    found, fields, left_out = list[Written](), list[Field](), list[str]()
+    found, left_out = list[Written](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         is_time = record.get("abscissa_spec_data_type") == 17
@@ -127,13 +127,11 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
             said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
             said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
             found.append(_record(record, said, place))
-            lines = [i for i in range(2, 6) if f"id{i}" in said]
-            fields += [Field(f"ID line {i}", said[f"id{i}"]) for i in lines]
         else:
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
     if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
-    yield from tables_of(place, "", "universal file (UFF 58)", found, fields, left_out)
+    yield from tables_of(place, "", "universal file (UFF 58)", found, notes=left_out)
 
 
 def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
@@ -343,43 +341,30 @@ def _dataset(name: str, item: Any) -> Written:
 
 
 def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
-    """Yield the tables in variables; InputError if there is none."""
-    left_out = list[str]()
-    tables = list(_of_struct("", members, (), left_out, place, form))
-    if not tables:
+    """Yield the table of variables, then those of the structs in it; InputError without any."""
+    structs, left_out, is_empty = [("", members, list[Field]())], list[str](), True
+    for name, struct, above in structs:  # which grows
+        fields, found = [*above], list[Written]()
+        for key, member in struct.items():
+            if not isinstance(member, Written):
+                structs.append((f"{name}.{key}" if name else key, member, fields))
+                continue
+            array = np.asarray(member.values)
+            is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
+            if array.size == 1 and array.dtype.kind in "biufOSU" and member.values is not None:
+                fields.append(Field(key, str(plain(array)), member.unit))
+            elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
+                found.append(member)
+            elif array.size:
+                left_out.append(f"{key} left out: no list of numbers or texts")
+        yield from tables_of(place, name, form, found, fields, left_out)
+        is_empty = is_empty and not found
+    if is_empty:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
             f"{place}: holds no vector of samples (found: {held}); save vectors, or a struct of "
             "vectors"
         )
-    yield from tables
-
-
-def _of_struct(
-    name: str,
-    members: Variables,
-    above: Sequence[Field],
-    left_out: list[str],
-    place: str,
-    form: str,
-) -> Iterator[Raw]:
-    """Yield the table of a struct, then those of the structs in it."""
-    fields, found, structs = [*above], list[Written](), dict[str, Variables]()
-    for key, member in members.items():
-        if not isinstance(member, Written):
-            structs[f"{name}.{key}" if name else key] = member
-            continue
-        array = np.asarray(member.values)
-        is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
-        if array.size == 1 and array.dtype.kind in "biufOSU" and member.values is not None:
-            fields.append(Field(key, str(plain(array)), member.unit))
-        elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
-            found.append(member)
-        elif array.size:
-            left_out.append(f"{key} left out: no list of numbers or texts")
-    yield from tables_of(place, name, form, found, fields, left_out)
-    for inner, struct in structs.items():
-        yield from _of_struct(inner, struct, fields, left_out, place, form)
 
 
 # --- Parquet and tables in memory ----------------------------------------------------------------
