@@ -153,11 +153,7 @@ def _stated(
     needs: Needs,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Return label and settings of a run that the columns do not hold.
-
-    They apply to all runs, or are in its name, in the table of runs, or in the head of the file;
-    what the config states takes precedence over the head.
-    """
+    """Return label and settings: of all runs, in the name, in the table of runs, in the head."""
     table, told = needs.table, dict(needs.values)
     needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
     is_complete = found.keys() >= {table.label, *needed}
@@ -278,11 +274,7 @@ def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:
 def _aligned(
     found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Join the rasters of one recording at the times of the first with one of `MASTERS`.
-
-    Numbers are interpolated linearly. Only the time that the sensors of `MASTERS` share is kept;
-    other channels are missing outside the time they cover; nothing is extrapolated.
-    """
+    """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
     place = first.place
     seconds = {of: _past_midnights(time, written) for of, (time, written) in times.items()}
     time = seconds[id(first)]

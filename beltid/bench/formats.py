@@ -258,16 +258,13 @@ def _start(header: Header) -> float:
 
 
 def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw, float] | None:
-    """Join segments, and give the clock at time 0; None if the second is not one step behind.
-
-    The time goes on, or restarts in the second, whose clock then tells how late it is.
-    """
+    """Join segments, and give the clock at time 0; None if the second is not one step behind."""
     if list(before.frame) != list(after.frame) or TIME not in after.frame or len(before.frame) < 2:
         return None
     a, b = (raw.frame[TIME].to_numpy() for raw in (before, after))
     step = (b[-1] - b[0]) / (len(b) - 1) if len(b) > 1 else a[-1] - a[-2]
     gap, shift = b[0] - a[-1] - step, 0.0
-    if abs(gap) > 0.5 * step:
+    if abs(gap) > 0.5 * step:  # the time restarts: the clocks tell how late
         if start == later or not abs(gap + later - start) <= 1.5 * step:
             return None
         shift = gap

@@ -97,10 +97,7 @@ def inspect_recording(
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
-    """Return a pattern of all file names with a setting that is found nowhere else, or "".
-
-    Names are words between ``_`` or ``-``. The first one that may differ labels the run.
-    """
+    """Return a pattern of all file names with a setting that is found nowhere else, or ""."""
     required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
     if not required - found - {*needs.values} or needs.pattern or needs.run_table:
         return ""

@@ -57,14 +57,15 @@ _IN_RPM: Final = re.compile(
 _DIGITS: Final = "0123456789 "
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
 _NUMBER_AND_UNIT: Final = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
+_END: Final = str.maketrans(" /", "__")
 OTHER_UNITS: Final = {
-    column.name.removesuffix(re.sub("[ /]", "_", column.unit)) + re.sub("[ /]", "_", unit): (
+    column.name.removesuffix(column.unit.translate(_END)) + unit.translate(_END): (
         column.name,
         unit,
     )
     for kind in schemas.RECORDINGS
     for column in schemas.table(kind).columns
-    if column.name.endswith("_" + re.sub("[ /]", "_", column.unit))
+    if column.name.endswith("_" + column.unit.translate(_END))
     for unit in CONVERSIONS.get(column.unit, {})
     if unit != column.unit
 }
@@ -239,10 +240,7 @@ def lacking(table: Table, has: Collection[str]) -> list[str]:
 
 
 def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
-    """Return our columns -> channels that fit; several for one column are ambiguous.
-
-    Channels whose names differ by a number only are alike.
-    """
+    """Return our columns -> channels that fit; several for one column are ambiguous."""
     columns, found = needs.table.columns, dict[str, list[Found]]()
     for column in columns:
         if named := _named(column.name, channels, needs):
@@ -260,6 +258,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
         if len(fit) == 1 and column.name in sensors:
+            # channels whose names differ by a number only are alike
             alike = simplified(fit[0].base).rstrip(_DIGITS)
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
             fit += [c for c in others if simplified(c.base).rstrip(_DIGITS) == alike]
@@ -372,10 +371,7 @@ def refuse_missing(
     place: str,
     elsewhere: Collection[str],
 ) -> None:
-    """Report the required columns that are missing, sensors first, in one message.
-
-    `elsewhere` lists our columns that are stated outside of the columns.
-    """
+    """Report the required columns that are missing, sensors first; some are stated `elsewhere`."""
     table, names = needs.table, needs.names
     has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]

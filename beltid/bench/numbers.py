@@ -186,11 +186,7 @@ def written_as(cells: Sequence[str]) -> str:
 
 
 def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read clock times like the first of them.
-
-    Returns the nanoseconds from 1970-01-01 in UTC, or from midnight where no date is written; which
-    cannot be read; and which may be day/month as well as month/day.
-    """
+    """Return the nanoseconds from 1970 or midnight, what is no such time, and day or month."""
     parts = texts.str.extract(_CLOCK)
     has = parts[["date", "zone"]].notna()
     time = pd.to_timedelta(parts["time"].str.replace(r"(:\d\d:\d\d)[,:]", r"\1.", regex=True))

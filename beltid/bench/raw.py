@@ -101,10 +101,7 @@ def tables_of(
     fields: Iterable[Field] = (),
     notes: Sequence[str] = (),
 ) -> list[Raw]:
-    """Return the channels of a group as tables: those with the same times are one.
-
-    A channel that is no list of numbers or texts is left out and noted.
-    """
+    """Return the channels of a group, those with the same times in a table; note the others."""
     parts: dict[Any, Raw] = {}
     left_out = [*notes]
     for channel in channels:
@@ -156,10 +153,7 @@ def first_texts(values: pd.Series) -> list[str]:
 def written(
     name: str, values: Any, about: Mapping[str, Any], times: np.ndarray | None = None
 ) -> Written:
-    """Return a channel with its unit and the scaling of its whole numbers, as its properties say.
-
-    The scaling is text such as ``slope = 0.02``.
-    """
+    """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
     found = []
     for word, value in about.items() if values.dtype.kind in "iu" else ():
         neutral = SCALING.get(str(word).lower())

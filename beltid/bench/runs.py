@@ -32,13 +32,10 @@ TRUTHS: Final = {
 
 
 def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
-    """Return the tables of each run of a file: one with all sensors, else all are of one run.
-
-    Tables with the same channels, none of which has all sensors, are runs that lack something.
-    """
+    """Return the tables of each run of a file: one with all sensors, else all are of one run."""
     raws = [part for raw in raws for part in _beside(raw, needs)]
     runs = [raw for raw in raws if is_whole(channels_of([raw]), needs)]
-    if not runs:
+    if not runs:  # those with the same channels are runs that lack something
         names, count = Counter(tuple(raw.frame) for raw in raws).most_common(1)[0]
         runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
@@ -60,10 +57,7 @@ def is_timed(raw: Raw, kind: str) -> bool:
 
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
-    """Split a table into the recordings that are side by side in it, if any.
-
-    All have the same names in the same order; a name that occurs once belongs to all.
-    """
+    """Split a table into recordings side by side in it; a name that occurs once belongs to all."""
     repeated: dict[str, list[str]] = {}
     written = [str(name) for name in raw.frame]
     for name in filter(POSITION.search, written):
@@ -88,11 +82,7 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
 def joined(
     parts: Sequence[Part], needs: Needs
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
-    """Join the columns of all runs, one after the other.
-
-    Returns the columns of the table in its order, with nan or None for what is missing; the place
-    of a sample; notes; and the columns whose unit is stated in all parts.
-    """
+    """Return the columns of all runs, the place of a sample, notes, the columns of stated units."""
     table, problems, timed = needs.table, needs.problems, "time_s" in needs.table.names
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
@@ -200,10 +190,7 @@ class Checker:
         self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
 
     def run(self, units_stated: Collection[str]) -> list[str]:
-        """Run all checks; return notes on what is allowed but worth knowing.
-
-        The unit of columns in `units_stated` is not questioned.
-        """
+        """Run all checks; return notes on what is allowed. Stated units are not questioned."""
         empty = f"{self.table.label} is empty, it must label the recording"
         self._report(self.codes < 0, lambda i: empty)
         present = [column for column in self.table.columns if column.name in self.columns]
@@ -330,9 +317,7 @@ class Checker:
 def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
     """Return the unit in which the numbers would be plausible, or "" if they are so already.
 
-    The bounds are about halfway, on a logarithmic scale, between what belt benches record (tensions
-    of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm) and a thousandth or a thousand
-    times that.
+    Benches record tensions of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm.
     """
     finite, name = values[np.isfinite(values)], column.name
     if not finite.size or (kind == "points" and name != "arc_deg"):
