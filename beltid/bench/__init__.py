@@ -1,7 +1,7 @@
 """Recordings of the benches: files of any format in, validated columns out.
 
-Data flows one way: `files` names the files of a recording, a reader of their format (`text`,
-`sheets`, `waveforms`, `variables`) yields tables as written (`raw.Raw`), `mapping` finds our
-columns in them, `columns` and `runs` make runs of them, `checks` judges them. `recording` is the
-way from a path to columns; `inspection` tells of the same steps.
+Data flows one way: `files` names the files of a recording, a reader of their format (`cells`,
+`formats`) yields tables as written (`raw.Raw`), `mapping` finds our columns in them, `columns` and
+`runs` make runs of them and check them. `recording` is the way from a path to columns;
+`inspection` tells of the same steps.
 """

@@ -22,9 +22,8 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.names import distinct_names, is_unit
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_clock, is_date, is_number
-from beltid.bench.raw import Field, Raw, first_texts
+from beltid.bench.raw import Field, Raw, distinct_names, first_texts, is_unit
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
 from beltid.store.disk import MAX_BYTES
@@ -302,8 +301,10 @@ def _by_arrow(
     """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
     misfits.clear()
     keys = {f"c{i}": name for i, name in enumerate(names)}
-    types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
-    texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}
+    types = {k: pa.float64() if n in numeric else pa.large_string() for k, n in keys.items() if n}
+    texts: dict[str, list[Any]] = {
+        key: [] for key, kind in types.items() if kind == pa.large_string()
+    }
     columns: dict[str, Any] = {name: np.empty(n_rows) for name in names if name in numeric}
     parse = pa_csv.ParseOptions(
         delimiter=signs[0],
@@ -333,7 +334,7 @@ def _by_arrow(
     if at + len(misfits) != n_rows:
         return None
     for key, cells in texts.items():
-        columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.string()), dtype="str")
+        columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.large_string()), dtype="str")
     return pd.DataFrame({name: columns[name][:at] for name in names if name}, copy=False)
 
 

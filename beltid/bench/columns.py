@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -58,11 +57,9 @@ class Part:
         return self.raw.at(sample if self.rows is None else int(self.rows[sample]))
 
 
-def read_part(
-    raws: Sequence[Raw], needs: Needs, settings: Settings | None = None, names: tuple[str, ...] = ()
-) -> Part | None:
+def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) -> Part | None:
     """Read our columns from the tables of one recording, and empty them; None if it fails."""
-    problems, wrong, clock = needs.problems, needs.problems.count, Clock()
+    problems, wrong, clock = needs.problems, needs.problems.count, Clock(needs.problems)
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
     own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
     channels = [c for c in channels_of(raws) if own.get(id(c.raw)) != c.key]
@@ -74,7 +71,7 @@ def read_part(
     if times:
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
-    stated = settings.of(raw.place, names, found, fields, notes) if settings else {}
+    stated = _stated(raw.place, names, found, fields, needs, notes)
     if is_mapped:
         refuse_missing(channels, found, needs, raw.head, stated)
     if not is_mapped or lacking(needs.table, {*found, *stated}):
@@ -93,7 +90,7 @@ def read_part(
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
-        columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at, problems)
+        columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at)
         notes += clock.notes()
     _fill(part, stated, needs)
     return part
@@ -138,7 +135,7 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
     if needs.table.column(found.role).dtype == "string":
         return words_of(column)
     if found.is_clock:
-        return (clock or Clock()).read(column, raw.at, needs.problems)
+        return (clock or Clock(needs.problems)).read(column, raw.at)
     numbers = column.to_numpy()
     if is_text(column):
         numbers = numbers_of(column, raw.signs, found.shown, raw.at, needs.problems)
@@ -148,84 +145,71 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
 # --- stated outside of the columns -------------------------------------------------------------
 
 
-class Settings:
-    """Label and settings of runs whose columns do not hold them.
+def _stated(
+    place: str,
+    names: Sequence[str],
+    found: Mapping[str, Found],
+    fields: Sequence[Field],
+    needs: Needs,
+    notes: list[str],
+) -> dict[str, Any]:
+    """Return label and settings: of all runs, in the name, in the table of runs, in the head."""
+    table, told = needs.table, dict(needs.values)
+    needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
+    is_complete = found.keys() >= {table.label, *needed}
+    if needs.pattern is not None:
+        pattern = name_pattern(needs.pattern)
+        values = next(filter(None, map(pattern.values, names)), {})
+        for role in {*values} & {*SETTINGS, table.label} & {*table.names}:
+            unit = pattern.units.get(role, table.column(role).unit)
+            told[role] = _of_name(values[role], table.column(role), unit, place, needs.problems)
+        if not values and not is_complete:
+            stated = f'runs.{table.kind}.pattern = "{needs.pattern}"'
+            needs.problems.add(f"{place}: the name does not match {stated}")
+    if needs.rows:
+        name = next((n for n in names if n in needs.rows), "")
+        told |= needs.rows.get(name, {})
+        if not name and not is_complete:
+            needs.problems.add(f"{needs.run_table}: has no row for {names[0]}")
+    for role, matches in settings_in_head(fields, needs).items():
+        if role not in found and role not in told:
+            told |= _of_head(matches, needs, place, notes)
+    return {role: value for role, value in told.items() if role in table.names}
 
-    They are in the head of the file, in its name, in a table of runs, or apply to all runs; what
-    the config states takes precedence over the head.
-    """
 
-    def __init__(self, needs: Needs) -> None:
-        self.needs, self.table = needs, needs.table
-        self.pattern = name_pattern(needs.pattern) if needs.pattern else None
-        self.rows = _run_table(needs) if needs.run_table else {}
+def _of_name(text: str, column: Column, unit: str, place: str, problems: Problems) -> Any:
+    """Return a label or setting that a pattern found in a name."""
+    if column.dtype == "string":
+        return text
+    try:
+        return CONVERSIONS[column.unit][canonical_unit(unit)].apply(number_in_name(text))
+    except (KeyError, ValueError):
+        found = f'{column.name} = "{text}" in the name, must be a number in {unit}'
+        problems.add(f"{place}: {found}")
+        return np.nan
 
-    def of(
-        self,
-        place: str,
-        names: Sequence[str],
-        found: Mapping[str, Found],
-        fields: Sequence[Field],
-        notes: list[str],
-    ) -> dict[str, Any]:
-        """Return label and settings of a run by its names and the fields of its head."""
-        needs, table = self.needs, self.table
-        needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
-        is_complete = found.keys() >= {table.label, *needed}
-        told = dict(needs.values)
-        if self.pattern is not None:
-            values = next(filter(None, map(self.pattern.values, names)), None)
-            told |= self._in_name(values or {}, place)
-            if not values and not is_complete:
-                pattern = f'runs.{table.kind}.pattern = "{needs.pattern}"'
-                needs.problems.add(f"{place}: the name does not match {pattern}")
-        if self.rows:
-            name = next((n for n in names if n in self.rows), "")
-            told |= self.rows.get(name, {})
-            if not name and not is_complete:
-                needs.problems.add(f"{needs.run_table}: has no row for {names[0]}")
-        for role, matches in settings_in_head(fields, needs).items():
-            if role not in found and role not in told:
-                told |= self._from_head(role, matches, place, notes)
-        return {role: value for role, value in told.items() if role in table.names}
 
-    def _from_head(
-        self, role: str, matches: Sequence[Found], place: str, notes: list[str]
-    ) -> dict[str, Any]:
-        """Take a setting from the fields of the head that the config names, or of known names."""
-        silent, values = replace(self.needs, problems=Problems()), dict[str, Any]()
-        for match in matches:
-            read = resolved([match], silent, "") or match
-            values[match.channel.name] = values_of(read, silent)[0]
-        name, recognised = matches[0].channel.name, matches[0].how == "recognised"
-        wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
-        if len(set(values.values())) > 1:
-            say = self.needs.say("columns", role, f'"{name}"')
-            wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
-        if not wrong:
-            notes.extend([f"read header field {name} as {role}"] if recognised else [])
-            return {role: values[name]}
-        if recognised and not self.table.column(role).required:
-            return {}
-        self.needs.problems.add(f"{place}: {wrong[0]}")
-        return {role: np.nan}
-
-    def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
-        """Take label and settings from what the pattern of the config finds in a name."""
-        told: dict[str, Any] = {}
-        for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
-            column, told[role] = self.table.column(role), values[role]
-            unit = self.pattern.units.get(role, column.unit) if self.pattern else ""
-            if column.dtype == "string":
-                continue
-            try:
-                told[role] = CONVERSIONS[column.unit][canonical_unit(unit)].apply(
-                    number_in_name(values[role])
-                )
-            except (KeyError, ValueError):
-                found = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
-                self.needs.problems.add(f"{place}: {found}")
-        return told
+def _of_head(
+    matches: Sequence[Found], needs: Needs, place: str, notes: list[str]
+) -> dict[str, Any]:
+    """Return a setting from the fields of the head that the config names, or of known names."""
+    silent, values = replace(needs, problems=Problems()), dict[str, Any]()
+    for match in matches:
+        read = resolved([match], silent, "") or match
+        values[match.channel.name] = values_of(read, silent)[0]
+    role, name = matches[0].role, matches[0].channel.name
+    recognised = matches[0].how == "recognised"
+    wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
+    if len(set(values.values())) > 1:
+        say = needs.say("columns", role, f'"{name}"')
+        wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
+    if not wrong:
+        notes.extend([f"read header field {name} as {role}"] if recognised else [])
+        return {role: values[name]}
+    if recognised and not needs.table.column(role).required:
+        return {}
+    needs.problems.add(f"{place}: {wrong[0]}")
+    return {role: np.nan}
 
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
@@ -239,13 +223,18 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
     }
 
 
-def _run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
+def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     """Read the table of runs: name of a file or group -> the values in its row."""
-    path, table = cast(Path, of.run_table), of.table
-    settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
-    file = Column("file", "string", "", "name of the file, or of the group")
-    optional = (file, *(replace(column, required=False) for column in settings))
-    needs = Needs(replace(table, columns=optional))
+    if of.run_table is None:
+        return {}
+    path, columns = (
+        of.run_table,
+        [Column("file", "string", "", "name of the file, or of the group")],
+    )
+    for column in of.table.columns:
+        if column.name in (*SETTINGS, of.table.label):
+            columns.append(replace(column, required=False))
+    needs = Needs(replace(of.table, columns=tuple(columns)))
     part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
@@ -285,11 +274,7 @@ def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:
 def _aligned(
     found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Join the rasters of one recording at the times of the first with one of `MASTERS`.
-
-    Numbers are interpolated linearly. Only the time that the sensors of `MASTERS` share is kept;
-    other channels are missing outside the time they cover; nothing is extrapolated.
-    """
+    """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
     place = first.place
     seconds = {of: _past_midnights(time, written) for of, (time, written) in times.items()}
     time = seconds[id(first)]

@@ -84,11 +84,6 @@ def is_many(path: Path) -> bool:
     return path.is_dir() or (not path.exists() and glob.has_magic(str(path)))
 
 
-def exists(path: Path) -> bool:
-    """Return whether the file or folder exists, or any file matches the pattern."""
-    return path.exists() or any(glob.iglob(str(path)))
-
-
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     """List the files that a file, zip file, folder or pattern names, without those `besides`."""
     name = _shown(path)
@@ -202,11 +197,7 @@ def format_of(path: Path) -> str:
 
 
 def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:
-    """Return a text as UTF-8 with single line feeds, its encoding, and notes.
-
-    A file that is not UTF-8 is read as latin-1 only if all western European encodings that
-    measuring computers use (latin-1, cp1252) give the same text.
-    """
+    """Return a text as UTF-8 with single line feeds, its encoding, and notes."""
     notes: list[str] = []
     encoding = (stated or "utf-8").lower()
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
@@ -225,6 +216,7 @@ def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray,
                     f"{place}:{line}: byte 0x{data[error.start]:02X} is not "
                     f"{stated or 'UTF-8'}{hint}; if it is no text, export it to CSV"
                 ) from None
+            # of which cp1252 gives the same text
             data, encoding = bytearray(data.decode("latin-1").encode()), "latin-1"
             notes.append("not UTF-8, read as latin-1")
     if b"\0" in data:

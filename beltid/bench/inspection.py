@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from beltid.bench.files import sources_of
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped
 from beltid.bench.numbers import numbers_of
 from beltid.bench.raw import TIME, Raw, is_text
-from beltid.bench.recording import found_in, of_bench, read_recording, tables_in
+from beltid.bench.recording import Recording, found_in, of_bench, read_recording, tables_in
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
 from beltid.errors import InputError, Problems
@@ -66,34 +66,34 @@ def inspect_recording(
     if not kind:
         are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
         kind = "rig" if are_plateaus else bench_of(channels, [*benches.values()])[0]
+    seen = Inspection(kind, names, tables, channels, notes=tables[0].notes)
     if not kind:
         held = ", ".join(c.name for c in channels[:12]) or "none"
         problem = (
             f"{path}: the channels do not tell which bench this is (found: {held}); state it "
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
-        return Inspection("", names, tables, channels, notes=tables[0].notes, problems=(problem,))
+        return replace(seen, problems=(problem,))
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
-    pattern = _pattern(names, needs, {*has}, len(tables))
-    if pattern and guess:
-        stated = {kind: {**config.runs[kind], "pattern": pattern}}
+    seen = replace(seen, pattern=_pattern(names, needs, {*has}, len(tables)))
+    if seen.pattern and guess:
+        stated = {kind: {**config.runs[kind], "pattern": seen.pattern}}
         config = config.model_copy(update={"runs": config.runs | stated})
-    seen = Inspection(kind, names, tables, channels, pattern=pattern)
     try:
         recording = read_recording(path, kind, config)
     except InputError as error:
         found: dict[str, Found] = {}
         for table in tables:
             found = mapped(channels_of([table]), needs, "") | found
-        return replace(seen, found=found, notes=tables[0].notes, problems=error.problems)
-    rig, runs = recording.rig, runs_found(recording.columns, recording.kind)
-    spans, problems = {"tension_tight_N", "tension_slack_N"} & {*recording.found}, tuple[str, ...]()
+        return replace(seen, found=found, problems=error.problems)
+    rig, found, problems = dict(recording.rig), recording.found, tuple[str, ...]()
+    spans = {"tension_tight_N", "tension_slack_N"} & {*found}
     if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
         ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
         problems = (f"{path}: a weight beside a torque: {ask}",)
-    holds = {key: word for key, word in rig.items() if key == "holds"}
-    found, notes = recording.found, recording.notes
-    return replace(seen, found=found, runs=runs, notes=notes, problems=problems, rig=holds)
+    rig, runs = {"holds": rig["holds"]} if "holds" in rig else {}, runs_found(recording)
+    notes = recording.notes
+    return replace(seen, found=found, runs=runs, notes=notes, problems=problems, rig=rig)
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
@@ -101,23 +101,20 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
     required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
     if not required - found - {*needs.values} or needs.pattern or needs.run_table:
         return ""
-    pattern, dot, ending = names[0].rpartition(".")
-    for role, words in _UNIT_WORDS.items():
-        if role in needs.table.names and role not in found:
-            unit = rf"{_NUMBER}(?={words}(?![A-Za-z]))"
-            places = rf"(?<![\w{{]){unit}|(?<=_){unit}"
-            pattern = re.sub(places, f"{{{role}}}", pattern, count=1)
-    if "{" not in pattern:
+    units = {n: u for n, u in _UNIT_WORDS.items() if n in needs.table.names and n not in found}
+    label = f"{{{needs.table.label}}}" if n_tables == 1 else "{}"
+    pattern, ending = "", PurePath(names[0]).suffix
+    for word, *others in zip(*(re.split("([_-])", PurePath(n).stem) for n in names), strict=False):
+        own = word
+        for role, unit in units.items():
+            own = re.sub(rf"^{_NUMBER}(?={unit}(?![A-Za-z]))", f"{{{role}}}", own)
+        if own == word and (re.fullmatch(_NUMBER, word) or {*others} - {word}):
+            own, label = label, "{}"
+        pattern += own
+    if not any(role in pattern for role in units):
         return ""
-    first, separator, remainder = pattern.partition("_")
-    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
-    if separator and "{" not in first and n_tables == 1:
-        pattern = f"{{{needs.table.label}}}_{remainder}"
-        if numbered and all(name.startswith(first + separator) for name in names):
-            pattern = f"{first}_{{{needs.table.label}}}{remainder[numbered.end() :]}"
-    pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + dot + ending
-    values = name_pattern(pattern).values
-    return pattern if all(values(name) is not None for name in names) else ""
+    values = name_pattern(pattern + ending).values
+    return pattern + ending if all(map(values, names)) else ""
 
 
 def ranges(channel: Channel) -> dict[str, float]:
@@ -142,8 +139,9 @@ def _step(time: np.ndarray) -> float:
     return step if step > 0 else np.nan
 
 
-def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[dict[str, Any]]:
+def runs_found(recording: Recording) -> list[dict[str, Any]]:
     """Return a row per run: its settings, the speed or force it reached, its length, its gaps."""
+    columns, kind = recording.columns, recording.kind
     sensors = pd.DataFrame({name: x for name, x in columns.items() if x.dtype != object})
     speed = "driver_speed_rad_s" if kind == "speedloss" else "pulley_speed_rad_s"
     rows = []

@@ -16,17 +16,19 @@ from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.names import (
+from beltid.bench.numbers import NumberSigns, written_as
+from beltid.bench.raw import (
     IN_NAME,
     POSITION,
+    Field,
+    Raw,
+    first_texts,
     is_unit,
     roles_meant,
     simplified,
     span_of,
     split_unit,
 )
-from beltid.bench.numbers import NumberSigns, written_as
-from beltid.bench.raw import Field, Raw, first_texts
 from beltid.config import Config
 from beltid.config.model import KINDS, DialectSection
 from beltid.errors import InputError, Problems
@@ -55,14 +57,15 @@ _IN_RPM: Final = re.compile(
 _DIGITS: Final = "0123456789 "
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
 _NUMBER_AND_UNIT: Final = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
+_END: Final = str.maketrans(" /", "__")
 OTHER_UNITS: Final = {
-    column.name.removesuffix(re.sub("[ /]", "_", column.unit)) + re.sub("[ /]", "_", unit): (
+    column.name.removesuffix(column.unit.translate(_END)) + unit.translate(_END): (
         column.name,
         unit,
     )
     for kind in schemas.RECORDINGS
     for column in schemas.table(kind).columns
-    if column.name.endswith("_" + re.sub("[ /]", "_", column.unit))
+    if column.name.endswith("_" + column.unit.translate(_END))
     for unit in CONVERSIONS.get(column.unit, {})
     if unit != column.unit
 }
@@ -78,6 +81,7 @@ class Needs:
     units: Mapping[str, str | Mapping[str, float]] = field(default_factory=dict)
     pattern: str | None = None  # of the file names, with label and settings
     run_table: Path | None = None  # with a row per file
+    rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of it, by file or group
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: DialectSection = field(default_factory=DialectSection)
     measures: tuple[str, str] = ("two_cells", "tight")  # by the config, and the span of a weight
@@ -96,9 +100,16 @@ class Needs:
             both = f'dialect.decimal and dialect.thousands are both "{dialect.decimal}"'
             raise InputError(f"config: {both}, must differ")
         weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
-        of_runs = runs["pattern"], runs["table"], weight | runs["values"]
-        named, measures = config.columns[kind], (rig.kind, rig.weight_on)
-        return cls(table, named, config.units[kind], *of_runs, dialect, measures)
+        return cls(
+            table,
+            config.columns[kind],
+            config.units[kind],
+            runs["pattern"],
+            runs["table"],
+            values=weight | runs["values"],
+            dialect=dialect,
+            measures=(rig.kind, rig.weight_on),
+        )
 
     @property
     def kind(self) -> str:
@@ -229,10 +240,7 @@ def lacking(table: Table, has: Collection[str]) -> list[str]:
 
 
 def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
-    """Return our columns -> channels that fit; several for one column are ambiguous.
-
-    Channels whose names differ by a number only are alike.
-    """
+    """Return our columns -> channels that fit; several for one column are ambiguous."""
     columns, found = needs.table.columns, dict[str, list[Found]]()
     for column in columns:
         if named := _named(column.name, channels, needs):
@@ -250,6 +258,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
         if len(fit) == 1 and column.name in sensors:
+            # channels whose names differ by a number only are alike
             alike = simplified(fit[0].base).rstrip(_DIGITS)
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
             fit += [c for c in others if simplified(c.base).rstrip(_DIGITS) == alike]
@@ -362,10 +371,7 @@ def refuse_missing(
     place: str,
     elsewhere: Collection[str],
 ) -> None:
-    """Report the required columns that are missing, sensors first, in one message.
-
-    `elsewhere` lists our columns that are stated outside of the columns.
-    """
+    """Report the required columns that are missing, sensors first; some are stated `elsewhere`."""
     table, names = needs.table, needs.names
     has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]

@@ -186,11 +186,7 @@ def written_as(cells: Sequence[str]) -> str:
 
 
 def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read clock times like the first of them.
-
-    Returns the nanoseconds from 1970-01-01 in UTC, or from midnight where no date is written; which
-    cannot be read; and which may be day/month as well as month/day.
-    """
+    """Return the nanoseconds from 1970 or midnight, what is no such time, and day or month."""
     parts = texts.str.extract(_CLOCK)
     has = parts[["date", "zone"]].notna()
     time = pd.to_timedelta(parts["time"].str.replace(r"(:\d\d:\d\d)[,:]", r"\1.", regex=True))
@@ -226,32 +222,33 @@ def _days(texts: pd.Series) -> tuple[pd.Series, pd.Series]:
 class Clock:
     """Reader of the clock times of a recording; the first time sets the form and the day."""
 
+    problems: Problems
     name: str = ""  # of the channel
     first: str = ""  # the first time as written
     midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
     midnights: int = 0  # passed by times of day
 
-    def read(self, times: pd.Series, place: PlaceOf, problems: Problems) -> np.ndarray:
+    def read(self, times: pd.Series, place: PlaceOf) -> np.ndarray:
         """Convert clock times to seconds from the midnight before the first; nan for none."""
         self.name = self.name or str(times.name)
         text = times.astype("str").str.strip().reset_index(drop=True)
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
-        wrong = wrong & text.notna().to_numpy() & ~unclear
-        for why, rows in ((NOT_READ, wrong), (DAY_OR_MONTH, unclear)):
-
-            def said(row: int, why: str = why) -> str:
-                return f'{self.name} = "{str(text.iloc[row])[:40]}", {why}'
-
-            problems.add_alike(np.flatnonzero(rows), said, place)
-        read, day_ns = ~(wrong | unclear | text.isna().to_numpy()), int(DAY_S * 1e9)
+        missing, day_ns = text.isna().to_numpy(), int(DAY_S * 1e9)
+        self.problems.add_alike(
+            np.flatnonzero((wrong & ~missing) | unclear),
+            lambda i: (
+                f'{self.name} = "{str(text.iloc[i])[:40]}", '
+                f"{DAY_OR_MONTH if unclear[i] else NOT_READ}"
+            ),
+            place,
+        )
+        read = ~(wrong | unclear | missing)
         if self.midnight_ns is None and read.any():
             self.midnight_ns = int(counts[read][0] // day_ns * day_ns)
         return np.where(read, (counts - (self.midnight_ns or 0)) * 1e-9, np.nan)
 
-    def elapsed(
-        self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf, problems: Problems
-    ) -> np.ndarray:
+    def elapsed(self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf) -> np.ndarray:
         """Return the times from the first sample of each run [s], continued past midnight."""
         time, dated = seconds.copy(), not re.match(r"\d{1,2}:", self.first)
         order = np.argsort(runs, kind="stable")
@@ -262,24 +259,25 @@ class Clock:
             back = np.flatnonzero((steps < 0) & ~night)
             if back.size:
                 before, after = rows[back[0]], rows[back[0] + 1]
-                where, line = place(int(after))
-                problems.add(
-                    f"{where}: {self.name} goes back from {_shown(time[before])} to "
-                    f"{_shown(time[after])} without passing midnight, must not go backwards",
-                    line,
+                self._report(
+                    place(int(after)),
+                    f"goes back from {_shown(time[before])} to {_shown(time[after])} without "
+                    "passing midnight, must not go backwards",
                 )
                 time[rows] = np.maximum.accumulate(time[rows])  # reported once
             elif 2 * np.count_nonzero(steps == 0) > max(steps.size, 9):
-                where, line = place(int(rows[0]))
-                problems.add(
-                    f"{where}: {self.name} stays the same from sample to sample more often than "
-                    "it changes: its resolution is too coarse for the time of the samples",
-                    line,
+                self._report(
+                    place(int(rows[0])),
+                    "stays the same from sample to sample more often than it changes: its "
+                    "resolution is too coarse for the time of the samples",
                 )
             time[rows[1:]] += np.cumsum(night) * DAY_S
             self.midnights += int(night.sum())
             time[rows] -= time[rows[:1]]
         return np.round(time, 9)  # finer digits are rounding errors
+
+    def _report(self, at: tuple[str, int], what: str) -> None:
+        self.problems.add(f"{at[0]}: {self.name} {what}", at[1])
 
     def notes(self) -> list[str]:
         """Return a note on how the time was obtained."""

@@ -1,18 +1,23 @@
-"""A table as a file holds it, before anything is mapped to our columns."""
+"""A table as a file holds it, before anything is mapped to our columns; names of its channels."""
 
 from __future__ import annotations
 
+import functools
+import re
+import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from beltid.bench.names import POSITION
 from beltid.bench.numbers import NumberSigns
 from beltid.errors import InputError, Problems
-from beltid.tables.units import CONVERSIONS, T, conversion
+from beltid.tables import schemas
+from beltid.tables.units import CONVERSIONS, T, canonical_unit, conversion, is_known_unit
 
 SCALING: Final = {
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
@@ -23,6 +28,18 @@ SCALING: Final = {
 TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
+POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
+"""Number that distinguishes channels of the same name."""
+_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
+OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
+"""Units that none of our columns has, but that occur in a row of units."""
+IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+"""Brackets at the end of a name, which may hold its unit."""
+# "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
+_AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+_CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
+"""Prefix that a recorder puts before the name of a channel."""
+_UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +101,7 @@ def tables_of(
     fields: Iterable[Field] = (),
     notes: Sequence[str] = (),
 ) -> list[Raw]:
-    """Return the channels of a group as tables: those with the same times are one.
-
-    A channel that is no list of numbers or texts is left out and noted.
-    """
+    """Return the channels of a group, those with the same times in a table; note the others."""
     parts: dict[Any, Raw] = {}
     left_out = [*notes]
     for channel in channels:
@@ -139,10 +153,7 @@ def first_texts(values: pd.Series) -> list[str]:
 def written(
     name: str, values: Any, about: Mapping[str, Any], times: np.ndarray | None = None
 ) -> Written:
-    """Return a channel with its unit and the scaling of its whole numbers, as its properties say.
-
-    The scaling is text such as ``slope = 0.02``.
-    """
+    """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
     found = []
     for word, value in about.items() if values.dtype.kind in "iu" else ():
         neutral = SCALING.get(str(word).lower())
@@ -166,3 +177,75 @@ def in_seconds(times: T, unit: str, place: str) -> T:
         allowed = ", ".join(CONVERSIONS["s"])
         raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
     return times if by is None or by.factor == 1.0 else by.apply(times)
+
+
+# --- names ----------------------------------------------------------------------------------------
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is one of our units or another unit common on benches."""
+    return is_known_unit(text) or canonical_unit(text) in OTHER_UNITS
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Split a name from the unit at its end: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``."""
+    match = (IN_NAME.search(name) or _AFTER_NAME.search(name)) if len(name) <= 300 else None
+    unit = match[1].strip() if match else ""
+    if match is None or not unit or not is_unit(unit):
+        return name.strip(), ""
+    return name[: match.start()].strip(), unit
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """Number the channel names that occur several times: ``Kraft #2 [N]``."""
+    counts, positions = Counter(names), Counter[str]()
+    distinct = []
+    for name in names:
+        positions[name] += 1
+        if name and counts[name] > 1:
+            bare = split_unit(name)[0]
+            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
+        distinct.append(name)
+    return distinct
+
+
+@functools.cache
+def _vocabulary() -> dict[str, tuple[list[re.Pattern[str]], set[str]]]:
+    """Return the words that identify each of our columns, and those that may be added."""
+    text = (Path(__file__).parent / "vocabulary.txt").read_text(encoding="utf-8")
+    words: dict[str, tuple[list[re.Pattern[str]], set[str]]] = {}
+    for entry in re.sub(r"\n +", " ", re.sub(r"#.*\n", "", text)).splitlines():
+        role, _, rest = entry.partition(": ")
+        keys, _, added = rest.partition(" / ")
+        fillers = {f for f in added.split() if f[0] != "@"}
+        fillers.update(*(words[f[1:]][1] for f in added.split() if f[0] == "@"))
+        words[role] = [re.compile(rf"\b{re.escape(key)}\b") for key in keys.split(", ")], fillers
+    return words
+
+
+def simplified(name: str) -> str:
+    """Reduce a channel's name to lower-case words without brackets, unit, accents and signs."""
+    bare = IN_NAME.sub("", split_unit(name)[0]) or name
+    low = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", bare).lower().translate(_UMLAUTS)
+    plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
+    return _CHANNEL.sub("", " ".join(re.findall(r"[a-z0-9]+", POSITION.sub("", plain))))
+
+
+@functools.lru_cache(256)  # files of one bench have the same few names
+def roles_meant(name: str, kind: str) -> tuple[str, ...]:
+    """Return our columns that a channel's name can mean: a key with fillers only around it."""
+    plain, columns = simplified(name), (*schemas.table(kind).names, "file")
+    roles = []
+    for role, (keys, fillers) in _vocabulary().items():
+        rests = (key.sub(" ", plain, count=1) for key in keys if key.search(plain))
+        if role in columns and any(fillers.issuperset(rest.split()) for rest in rests):
+            roles.append(role)
+    return tuple(roles)
+
+
+def span_of(name: str) -> str:
+    """Return the span that a channel's name tells: "tight", "slack" or ""."""
+    plain, words = simplified(name), _vocabulary()
+    keys = {span: words[f"tension_{span}_N"][0] for span in ("tight", "slack")}
+    told = [span for span, of in keys.items() if any(key.search(plain) for key in of)]
+    return told[0] if len(told) == 1 else ""

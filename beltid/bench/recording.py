@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench import cells, variables, waveforms
-from beltid.bench.columns import Part, Settings, read_part, settings_in_head
+from beltid.bench import cells, formats
+from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
@@ -27,13 +27,13 @@ from beltid.tables.values import absent
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
 READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
-    "tdms": waveforms.read_tdms,
-    "mdf": waveforms.read_mdf,
-    "uff": waveforms.read_uff,
-    "mat": variables.read_matlab,
-    "hdf5": variables.read_hdf5,
+    "tdms": formats.read_tdms,
+    "mdf": formats.read_mdf,
+    "uff": formats.read_uff,
+    "mat": formats.read_matlab,
+    "hdf5": formats.read_hdf5,
     "excel": cells.read_excel,
-    "parquet": variables.read_parquet,
+    "parquet": formats.read_parquet,
 }
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
 
@@ -71,15 +71,15 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     sources = sources_of(path, [needs.run_table] if needs.run_table else [])
     if len(sources) == 1 and (simulated := _simulated(path, kind)) is not None:
         return simulated
-    settings: Settings | None = None
     for source in sources:  # one file after the other, so that only one is in memory as written
         raws = tables_in(source, needs)
-        settings = settings or Settings(of_bench(raws, needs))
-        parts += parts_of(source.inside, source.name, raws, settings)
+        if source is sources[0]:
+            needs = of_bench(raws, needs)
+            needs = replace(needs, rows=run_table(needs))
+        parts += parts_of(source.inside, source.name, raws, needs)
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
-    assert settings is not None
-    return recording_of(parts, path, settings)
+    return recording_of(parts, path, needs)
 
 
 def found_in(raws: Sequence[Raw], needs: Needs) -> dict[str, list[Found]]:
@@ -121,7 +121,7 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             if form == "text":
                 return list(cells.read_text(file, source.name, dialect))
             if form == "lvm":
-                return list(waveforms.read_lvm(file, source.name, dialect))
+                return list(formats.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
             if not any(len(table.frame) for table in tables):
                 raise InputError(f"{source.name}: is empty: it holds no channel with samples")
@@ -137,18 +137,17 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
     return []
 
 
-def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settings) -> list[Part]:
+def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], needs: Needs) -> list[Part]:
     """Read the runs in the tables of one file."""
     if not raws:
         return []
-    needs, parts = settings.needs, list[Part]()
-    runs, notes = tables_of_runs(raws, needs)
+    (runs, notes), parts = tables_of_runs(raws, needs), list[Part]()
     for tables in runs:
         name = tables[0].name if len(runs) > 1 else ""
         names: tuple[str, ...] = (inside.name, inside.stem)
         names = (f"{inside.name}/{name}", name, *names) if name else names
         tables = [replace(raw, place=f"{place}, {name}" if name else place) for raw in tables]
-        parts += filter(None, [read_part(tables, needs, settings, names)])
+        parts += filter(None, [read_part(tables, needs, names)])
     if parts:
         parts[0].notes.extend(notes)
     else:  # the missing columns may be among those left out
@@ -157,9 +156,8 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     return parts
 
 
-def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recording:
+def recording_of(parts: Sequence[Part], path: Path, needs: Needs) -> Recording:
     """Join the parts of a recording and check it; InputError with all errors."""
-    needs = settings.needs
     needs.problems.raise_if_any()
     columns, place, notes, stated = joined(parts, needs)
     checker = Checker(str(path), columns, place, needs)
@@ -209,21 +207,20 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
         # names and units are ours already
         needs = Needs(needs.table, measures=needs.measures)
         frame = frame.columns if isinstance(frame, Recording) else frame
-    raw = variables.frame_of(frame, "frame")
+    raw = formats.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in needs.names.items() if n not in raw.frame}
     needs = replace(needs, pattern=None, run_table=None, names=names)
-    settings = Settings(of_bench([raw], needs))
-    parts = parts_of(PurePath("frame"), "frame", [raw], settings)
-    table = settings.table
+    needs = of_bench([raw], needs)
+    parts, table = parts_of(PurePath("frame"), "frame", [raw], needs), needs.table
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index
-    return recording_of(parts, Path("frame"), settings)
+    return recording_of(parts, Path("frame"), needs)
 
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
-    raw, columns, problems = variables.frame_of(frame, name).frame, {}, []
+    raw, columns, problems = formats.frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)
         if values is None or column.dtype in ("list", "bool"):

@@ -14,8 +14,7 @@ import pandas as pd
 
 from beltid.bench.columns import Part
 from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
-from beltid.bench.names import POSITION, roles_meant, side_by_side
-from beltid.bench.raw import Raw
+from beltid.bench.raw import POSITION, Raw, roles_meant
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
@@ -33,13 +32,10 @@ TRUTHS: Final = {
 
 
 def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
-    """Return the tables of each run of a file: one with all sensors, else all are of one run.
-
-    Tables with the same channels, none of which has all sensors, are runs that lack something.
-    """
+    """Return the tables of each run of a file: one with all sensors, else all are of one run."""
     raws = [part for raw in raws for part in _beside(raw, needs)]
     runs = [raw for raw in raws if is_whole(channels_of([raw]), needs)]
-    if not runs:
+    if not runs:  # those with the same channels are runs that lack something
         names, count = Counter(tuple(raw.frame) for raw in raws).most_common(1)[0]
         runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
@@ -61,29 +57,32 @@ def is_timed(raw: Raw, kind: str) -> bool:
 
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
-    """Split a table into the recordings that are side by side in it, if any."""
-    parts = []
-    stem = raw.name or PurePath(raw.place).stem
-    for count, names in enumerate(side_by_side([*raw.frame]), start=1):
-        frame = raw.frame[names].dropna(how="all")
-        bare = {name: POSITION.sub("", name) for name in names}
+    """Split a table into recordings side by side in it; a name that occurs once belongs to all."""
+    repeated: dict[str, list[str]] = {}
+    written = [str(name) for name in raw.frame]
+    for name in filter(POSITION.search, written):
+        repeated.setdefault(POSITION.sub("", name), []).append(name)
+    counts, parts = {*map(len, repeated.values())}, []
+    if len(repeated) < 2 or len(counts) != 1 or counts == {1}:
+        return [raw]
+    shared = [name for name in written if not POSITION.search(name)]
+    for count, own in enumerate(zip(*repeated.values(), strict=True), start=1):
+        frame = raw.frame[[*shared, *own]].dropna(how="all")
+        bare = {name: POSITION.sub("", name) for name in (*shared, *own)}
         units = {bare[n]: u for n, u in raw.units.items() if n in bare}
         lines = [raw.lines[row] for row in frame.index] if len(raw.lines) else ()
         frame = frame.rename(columns=bare).reset_index(drop=True)
-        parts.append(replace(raw, frame=frame, units=units, lines=lines, name=f"{stem}-{count}"))
+        name = f"{raw.name or PurePath(raw.place).stem}-{count}"
+        parts.append(replace(raw, frame=frame, units=units, lines=lines, name=name))
     once = [c for c in channels_of([raw]) if c.name == c.base]
     are_whole = all(is_whole(channels_of([part]), needs) for part in parts)
-    return parts if parts and are_whole and not is_whole(once, needs) else [raw]
+    return parts if are_whole and not is_whole(once, needs) else [raw]
 
 
 def joined(
     parts: Sequence[Part], needs: Needs
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
-    """Join the columns of all runs, one after the other.
-
-    Returns the columns of the table in its order, with nan or None for what is missing; the place
-    of a sample; notes; and the columns whose unit is stated in all parts.
-    """
+    """Return the columns of all runs, the place of a sample, notes, the columns of stated units."""
     table, problems, timed = needs.table, needs.problems, "time_s" in needs.table.names
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
@@ -98,21 +97,20 @@ def joined(
             label, file = part.names[1], part.names[-1]
             label = f"{file}/{label}" if counts[label] > 1 and label != file else label
             part.columns[table.label] = _labels(part, label, problems)
-        # Parquet files with labelled rows are parts of one table
-        is_part = part.raw.format == "Parquet" and table.label in part.found
-        for label in () if is_part or not timed else pd.unique(part.columns[table.label]):
+        for label in pd.unique(part.columns[table.label]) if timed else ():
             if label is not None and (owner := owners.setdefault(label, place)) != place:
                 problems.add(f"{place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(place)
     problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
-    ends = np.cumsum([*map(len, parts)])
+    lengths = [*map(len, parts)]
+    starts = np.cumsum([0, *lengths])[:-1]
 
     def place_of(sample: int) -> tuple[str, int]:
         """Return the place of a sample in its part."""
-        k = int(np.searchsorted(ends, sample, side="right"))
-        where, line = parts[k].at(sample - int(ends[k]) + len(parts[k]))
+        k = int(np.searchsorted(starts, sample, side="right")) - 1
+        where, line = parts[k].at(sample - int(starts[k]))
         return where, line if len(parts) == 1 else sample + 1
 
     shown = []
@@ -124,7 +122,10 @@ def joined(
     for column in table.columns:
         if column.name in present or column.name not in RUN_TEXTS:
             missing = np.array([None if column.dtype == "string" else np.nan])
-            pieces = [p.columns.get(column.name, missing.repeat(len(p))) for p in parts]
+            pieces = [
+                part.columns.pop(column.name, missing.repeat(n))
+                for part, n in zip(parts, lengths, strict=True)
+            ]
             columns[column.name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
     return columns, place_of, shown, set.intersection(*stated_units)
 
@@ -189,10 +190,7 @@ class Checker:
         self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
 
     def run(self, units_stated: Collection[str]) -> list[str]:
-        """Run all checks; return notes on what is allowed but worth knowing.
-
-        The unit of columns in `units_stated` is not questioned.
-        """
+        """Run all checks; return notes on what is allowed. Stated units are not questioned."""
         empty = f"{self.table.label} is empty, it must label the recording"
         self._report(self.codes < 0, lambda i: empty)
         present = [column for column in self.table.columns if column.name in self.columns]
@@ -208,9 +206,6 @@ class Checker:
                 notes += [] if is_doubted else self._numbers(column)
         if self.timed:
             self._time()
-            for column in present if not self.problems.count else ():
-                if column.unit in ("N", "mm") and column.name not in {*NOMINAL, *units_stated}:
-                    self._compare_runs(column)
         return notes
 
     def _report(self, wrong: np.ndarray, text: Callable[[int], str]) -> None:
@@ -218,27 +213,27 @@ class Checker:
         self.problems.add_alike(np.flatnonzero(wrong), text, self.place)
 
     def _doubts_unit(self, column: Column) -> bool:
-        """Report a column whose numbers are about a thousand times too small or large."""
+        """Report a column, or runs of it, about a thousand times too small or large."""
+        values, kind, place = self.columns[column.name], self.table.kind, self.name
         # a few samples of a sensor, most likely of a belt at rest, do not show its unit
         few = self.timed and len(self.codes) < MIN_SAMPLES and column.name not in NOMINAL
-        values = self.columns[column.name]
-        guess = "" if few else other_unit(column, self.table.kind, values)
-        if guess:
-            self._report_unit(self.name, column, values, f"if it is in {guess}, say so", guess)
-        return bool(guess)
-
-    def _compare_runs(self, column: Column) -> None:
-        """Report runs whose numbers are in another unit than those of the others."""
-        values, idle = self.columns[column.name], self.columns.get("idle")
+        if guess := "" if few else other_unit(column, kind, values):
+            self._report_unit(place, column, values, f"if it is in {guess}, say so", guess)
+            return True
+        is_compared = column.unit in ("N", "mm") and column.name not in NOMINAL
+        if not self.timed or not is_compared or not self.codes.any():
+            return False
         runs = pd.Series(np.abs(values) if column.unit == "N" else values).groupby(self.codes)
         size = runs.max() if column.unit == "N" else (runs.max() - runs.min()) / 2
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
             rows = runs.indices[run]
-            guess = other_unit(column, self.table.kind, values[rows])
-            if guess and (idle is None or "true" not in idle[rows]):
-                where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
+            guess = other_unit(column, kind, values[rows])
+            is_idle = "idle" in self.columns and "true" in self.columns["idle"][rows]
+            if guess and not is_idle:
+                where = f"{place}, {self.table.label} {self.label[rows[0]]}"
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)
+        return False
 
     def _report_unit(
         self, place: str, column: Column, values: np.ndarray, advice: str, unit: str
@@ -251,8 +246,12 @@ class Checker:
     def _setting(self, name: str) -> None:
         """Fill in a setting that only some rows of a run state; report it if it changes there."""
         codes, values = self.codes, self.columns[name]
-        first = pd.Series(values).groupby(codes).transform("first").to_numpy(values.dtype)
         stated = ~absent(values) & (codes >= 0)
+        begins = stated & ~pd.Series(np.where(stated, codes, -1)).duplicated().to_numpy()
+        nothing = None if values.dtype == object else np.nan
+        first = np.full(codes.max() + 2, nothing, values.dtype)
+        first[codes[begins]] = values[begins]
+        first = first[codes]
         differ = (values != first) & stated
         if values.dtype != object:
             differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
@@ -318,9 +317,7 @@ class Checker:
 def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
     """Return the unit in which the numbers would be plausible, or "" if they are so already.
 
-    The bounds are about halfway, on a logarithmic scale, between what belt benches record (tensions
-    of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm) and a thousandth or a thousand
-    times that.
+    Benches record tensions of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm.
     """
     finite, name = values[np.isfinite(values)], column.name
     if not finite.size or (kind == "points" and name != "arc_deg"):

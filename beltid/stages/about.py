@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
-from beltid.bench.files import exists, sources_of
+from beltid.bench.files import sources_of
 from beltid.config import Config, ConfigSource, load_config
 from beltid.config.loading import effective_values
 from beltid.config.source import KeyPath, format_path, read_source
@@ -123,9 +123,6 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
         place = f"{places.at(places.place(keys))}{format_path(keys)}"
-        if not exists(file):
-            problems.append(f"{place} = {file}, there is no such file")
-            continue
         try:
             sources_of(file, list(tables.values()))
         except InputError as error:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from beltid.bench.names import roles_meant
+from beltid.bench.raw import roles_meant
 from beltid.bench.recording import Recording, read_recording, recording_in
 from beltid.cli.program import app
 from beltid.config import load_config
