@@ -50,7 +50,6 @@ SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 10.0,
-    "axes.titlesize": 10.0,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
     "axes.spines.top": False,

@@ -72,6 +72,8 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     if curves is None:
         raise NotDrawn(NO_CURVES)
     rows = np.flatnonzero(np.isfinite(at))
+    if not rows.size:
+        raise NotDrawn("the temperatures of the tests are unknown")
     for row, colour in zip(rows.tolist(), charts.shades(rows.size), strict=True):
         # the curves belong to the law of the nearest temperature
         away = np.abs(curves["temperature_degC"][:, None] - at[rows])
@@ -80,9 +82,6 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
         draw_press(
             axes, curve(stiffness, row), ls=":", color=colour, lw=2.2, label=f"{at[row]:g} °C"
         )
-    if not rows.size:
-        _branches(axes, curves)
-        draw_press(axes, curve(stiffness, stiffness.pooled_row), ls=":", color=charts.INK)
     said = "Solid: loading; dashed: unloading; dotted: the law of the temperature."
     if "unloading" in curves["branch"]:
         return f"{said} The area between loading and unloading is the energy lost in a cycle."

@@ -15,7 +15,7 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report import charts
-from beltid.report.cells import axis, between, quantity, sentence
+from beltid.report.cells import axis, quantity, sentence
 from beltid.report.charts import NotDrawn, chart, draw
 from beltid.report.figures.bench import MILLI, POINTS, TALL
 from beltid.report.results import (
@@ -164,12 +164,8 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.margins(0.04)
     axes.grid(False)
     axes.figure.colorbar(filled, ax=axes, label=axis("mu"))
-    forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
-    speeds = class_name(MILLI * surface.slip_speed_m_s)
-    said = f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used."
-    if sheet.name == "surface_refined":
-        said += " The box is wider than the circles: local forces in the contact exceed the mean."
-    return said
+    wider = " The box is wider than the circles: local forces in the contact exceed the mean."
+    return "Beyond the box the nearest µ is used." + wider * (sheet.name == "surface_refined")
 
 
 @chart(
