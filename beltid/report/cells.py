@@ -45,15 +45,7 @@ MISSING: Final = "-"
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
-    """Split a public name into words and unit.
-
-    Examples
-    --------
-    >>> name_and_unit("normal_force_N_m")
-    ('normal force', 'N/m')
-    >>> name_and_unit("torque_N_m")
-    ('torque', 'N m')
-    """
+    """Split a public name into words and unit."""
     for ending, unit in UNITS:
         if name.endswith(ending):
             words = name.removesuffix(ending).replace("_", " ")
@@ -133,15 +125,9 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def scientific(value: float, digits: int = 4) -> str:
-    """Format a number with its power of ten in superscripts.
-
-    Examples
-    --------
-    >>> scientific(6.4999e7)
-    '6.500·10⁷'
-    """
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+def scientific(value: float) -> str:
+    """Format a number with its power of ten in superscripts, such as 6.500·10⁷."""
+    mantissa, exponent = f"{value:.3e}".split("e")
     power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"{mantissa}·10{power}"
 

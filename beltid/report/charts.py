@@ -50,7 +50,6 @@ SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 10.0,
-    "axes.titlesize": 10.0,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
     "axes.spines.top": False,
@@ -101,13 +100,12 @@ class NotDrawn(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A drawn chart: id within the page, title, caption, and the paper's figure ("" for none)."""
+    """A drawn chart: id within the page, title, caption."""
 
     key: str
     title: str
     caption: str
     figure: Figure
-    paper: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +116,6 @@ class Chart:
     title: str
     draw: Callable[..., str | tuple[str, str]]
     names: tuple[str, ...]
-    paper: str = ""
     once: bool = False
     panels: Mapping[str, Any] | None = None
 
@@ -128,7 +125,8 @@ class Chart:
             return [self._picture("", results)]
         present = [sheet for name in self.names if (sheet := results.get(name))]
         if not present:
-            return [self._not_drawn(self.names[0], f"there is no {self.names[0]}.parquet")]
+            first = self.names[0]
+            return [f"{self._titled(first)}: there is no {first}.parquet"]
         chosen = present[:1] if self.once else present
         return [self._picture(sheet.name, sheet, results) for sheet in chosen]
 
@@ -141,18 +139,14 @@ class Chart:
             try:
                 said = self.draw(axes, *data)
             except NotDrawn as why:
-                return self._not_drawn(name, str(why))
+                return f"{self._titled(name)}: {why}"
             title, caption = said if isinstance(said, tuple) else (self._titled(name), said)
             for each in fig.axes:
                 if each.get_xlabel() in (axis("normal_force"), axis("slip_speed")):
                     logarithmic(each, "x")
             legend_below(fig)
         key = self.key.format(name=name).rpartition(":")[2]
-        return Picture(key, title, caption, fig, self.paper)
-
-    def _not_drawn(self, name: str, why: str) -> str:
-        of_paper = f", {self.paper} of the paper" if self.paper else ""
-        return f"{self._titled(name)}{of_paper}: {why}"
+        return Picture(key, title, caption, fig)
 
     def _titled(self, name: str) -> str:
         return self.title.format(of=LABELS.get(name, name))
@@ -168,8 +162,7 @@ def chart(key: str, title: str, *names: str, **about: Any) -> Callable[..., Call
     results of several belts), and returns its caption, or title and caption. {name} and {of} are
     name and label of the artifact; what follows a colon of the key is the id within the page.
 
-    about: `paper`, the paper's figure that shows the same; `once`, whether it draws the first of
-    its artifacts only; `panels`, what axes it gets.
+    about: `once`, whether it draws the first of its artifacts only; `panels`, what axes it gets.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:

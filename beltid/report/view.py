@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,20 +24,16 @@ MOST_LINES: Final = 40
 MOST_RANGES: Final = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """What is shown of a kind: title of the table, columns whose values group a long one, others.
-
-    `always` are the further tables that are always shown.
-    """
+class View(NamedTuple):
+    """What is shown of a kind: a title, columns whose values group a long table, others."""
 
     title: str
     by: str = ""
     shown: str = ""
-    always: tuple[str, ...] = ()
-    fails_with: int = EXIT_OUT_OF_TOLERANCE  # exit status if what was judged did not pass
 
 
+RIG: Final = "arc_deg pulley_speed_rad_s"
+DRIVE: Final = "driver_speed_rad_s initial_tension_N"
 COMPARED: Final = (
     "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
 )
@@ -49,33 +45,27 @@ VIEWS: Final = {
     ),
     "slip": View(
         "sliding speed of belt on pulley in service, from the loss of angular speed",
-        "driver_speed_rad_s initial_tension_N",
+        DRIVE,
         "torque_N_m slip_speed_m_s slip_speed_se_m_s speed_loss_rad_s run status",
     ),
     "friction": View(
         "friction coefficient of every run",
-        "arc_deg pulley_speed_rad_s",
+        RIG,
         "normal_force_N_m mu_sliding mu_sliding_u mu_sticking run nominal_tension_N status",
     ),
     "surface": View(
         "friction coefficient over normal force and sliding speed",
         shown="arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
-        always=("budget", "misfit", "effects"),
     ),
     "simulated": View(
         "friction coefficient of every simulated run, sliding",
-        "arc_deg pulley_speed_rad_s",
+        RIG,
         "normal_force_N_m mu run initial_tension_N status",
-        fails_with=EXIT_NUMERICS,
     ),
-    "compare": View(
-        "simulated less measured friction coefficient, relative to measured",
-        "arc_deg pulley_speed_rad_s",
-        COMPARED,
-    ),
+    "compare": View("simulated less measured friction, relative to measured", RIG, COMPARED),
     "crossvalidation": View(
         "friction of runs that were left out, predicted from the others, less measured",
-        "arc_deg pulley_speed_rad_s",
+        RIG,
         COMPARED,
     ),
     "drive": View(
@@ -83,11 +73,10 @@ VIEWS: Final = {
         "pulley",
         "torque_N_m speed_loss_rad_s hub_force_N reserve speed_loss_u_rad_s driver_speed_rad_s run "
         "status",
-        always=("slip_limits", "installed"),
     ),
     "compare_drive": View(
         "predicted less measured speed loss of the drive",
-        "driver_speed_rad_s initial_tension_N",
+        DRIVE,
         "torque_N_m loss_measured_rad_s loss_predicted_rad_s relative_difference e_over_u "
         "arc_share run status",
     ),
@@ -97,7 +86,6 @@ VIEWS: Final = {
         "the next runs of the friction rig",
         shown="order arc_deg initial_tension_N pulley_speed_rad_s repeat repeats start_minutes "
         "gain_percent needed_for",
-        always=("regions", "statements"),
     ),
 }
 """Kind -> what is shown of it."""
@@ -110,7 +98,7 @@ TITLES: Final = {
     "regions": "standard uncertainty by region, in percent of mu",
     "statements": "if it were known twice as well",
 }
-"""Further table -> its title; the others are called by their names."""
+"""Further table that is always shown (the budget, of surfaces) -> its title."""
 COLUMNS: Final = {
     "budget": "quantity source basis standard_uncertainty unit contribution_percent "
     "largest_percent",
@@ -126,6 +114,7 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
+    failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
     if RUNS in record.tables:
         runs = record.tables[RUNS]
@@ -153,11 +142,13 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
         overview=_overview(artifact, view, columns, rows),
         shown=tuple(sorted(names, key=lambda name: name != "run") or columns),
         details=further,
-        always=tuple(TITLES[name] for name in view.always),
+        always=tuple(
+            of for name, of in TITLES.items() if artifact.kind == "surface" or name != "budget"
+        ),
         notes=tuple(record.notes),
         warnings=tuple(record.warnings),
         verdict=record.verdict,
-        exit_status=view.fails_with if record.passed is False else 0,
+        exit_status=failed if record.passed is False else 0,
         up_to_date=up_to_date,
         origin=record.origin,
     )

@@ -104,7 +104,6 @@ def test_the_belt_is_that_of_the_results_and_no_other_is_assumed(results: Path) 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("tyre", "x"), "target = tyre, must be one of json, exudyn, python"),
         (("json",), "LAW is missing"),
         (("json", "nowhere"), "nowhere: there is no such folder or file"),
         (("json", "."), "stiffness.parquet: there is no such file"),

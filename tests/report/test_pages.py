@@ -283,11 +283,8 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
         assert (tmp_path / name / "report.html").is_file()
     with pytest.raises(InputError, match="twice"):
         report_belt.run([folders[0], folders[0]], None)
-
-
-def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
-    page = belts_page([results(), results(crossvalidation=None)], ["a", "b"], "0" * 64)
-    (table,) = page.sections[0].tables
-    assert table is not None
-    verdicts = [row[-3:] for row in table.rows]
+    (table,) = (
+        belts_page([results(), results(crossvalidation=None)], ["a", "b"], "0").sections[0].tables
+    )
+    verdicts = [row[-3:] for row in table.rows] if table else []
     assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]

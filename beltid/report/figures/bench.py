@@ -49,7 +49,7 @@ def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
             draw_press(axes, curves, rows=part, **own)
 
 
-@chart("press-law", "The normal contact law", "stiffness", paper="Fig. 5")
+@chart("press-law", "The normal contact law (Fig. 5)", "stiffness")
 def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     row = stiffness.pooled_row
     if curves := results.get("press_curves"):
@@ -66,12 +66,14 @@ def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("press-temperature", "The press at each temperature", "stiffness", paper="Fig. 4")
+@chart("press-temperature", "The press at each temperature (Fig. 4)", "stiffness")
 def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     curves, at = results.get("press_curves"), stiffness["temperature_degC"]
     if curves is None:
         raise NotDrawn(NO_CURVES)
     rows = np.flatnonzero(np.isfinite(at))
+    if not rows.size:
+        raise NotDrawn("the temperatures of the tests are unknown")
     for row, colour in zip(rows.tolist(), charts.shades(rows.size), strict=True):
         # the curves belong to the law of the nearest temperature
         away = np.abs(curves["temperature_degC"][:, None] - at[rows])
@@ -80,9 +82,6 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
         draw_press(
             axes, curve(stiffness, row), ls=":", color=colour, lw=2.2, label=f"{at[row]:g} °C"
         )
-    if not rows.size:
-        _branches(axes, curves)
-        draw_press(axes, curve(stiffness, stiffness.pooled_row), ls=":", color=charts.INK)
     said = "Solid: loading; dashed: unloading; dotted: the law of the temperature."
     if "unloading" in curves["branch"]:
         return f"{said} The area between loading and unloading is the energy lost in a cycle."
@@ -98,7 +97,7 @@ def by_setting(sheet: Sheet, of: Any = slice(None)) -> Iterator[tuple[str, np.nd
         yield f"driver {speed:.4g} rad/s, T₀ {known}", rows[series[speed, tension]]
 
 
-@chart("slip", "Sliding speed in service", "slip", paper="Fig. 9")
+@chart("slip", "Sliding speed in service (Fig. 9)", "slip")
 def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
     look = {"err": "slip_speed_se_m_s", "capsize": 2}
     draw_groups(axes, slip, "torque_N_m", "slip_speed_m_s", by_setting(slip), **look)
@@ -113,7 +112,7 @@ def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("run", "Tensions and friction over time", "friction", paper="Fig. 10", panels=charts.TWO)
+@chart("run", "Tensions and friction over time (Fig. 10)", "friction", panels=charts.TWO)
 def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     curves, (above, below) = results.get("rig_curves"), panels
     if curves is None:
@@ -161,7 +160,7 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("arc", "Normal force along the arc", "friction", paper="Fig. 11")
+@chart("arc", "Normal force along the arc (Fig. 11)", "friction")
 def _along_arc(axes: Any, friction: Sheet, results: BeltResults) -> str:
     if not results.profiles:
         raise NotDrawn("it needs stiffness.parquet, a surface and a simulated recording")
@@ -227,18 +226,14 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     loses = np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0
     driven = np.where(loses, np.abs(np.nan_to_num(sheet["torque_N_m"])), -1.0)
     pulley = str(sheet["pulley"][int(np.argmax(driven))])
-    seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
-    data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
-    data["u"] = sheet["speed_loss_u_rad_s"]
     groups = list(by_setting(sheet, sheet["pulley"] == pulley))
-    for part in ("creep", "creep_and_seating"):
-        look: Any = {"marker": None, "ls": "-", "lw": 0.6}
-        draw_groups(axes, data, "torque_N_m", f"loss_{part}_rad_s", groups, **look)
-    draw_groups(axes, data, "torque_N_m", "speed_loss_rad_s", groups, band="u")
+    draw_groups(axes, sheet, "torque_N_m", "loss_creep_rad_s", groups, marker=None, lw=0.6)
+    look = {"band": "speed_loss_u_rad_s"}
+    draw_groups(axes, sheet, "torque_N_m", "speed_loss_rad_s", groups, **look)
     return (
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
-        "creep alone, and creep with seating; the rest is slip of whole pulleys.",
+        "creep alone.",
     )
 
 

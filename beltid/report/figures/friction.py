@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import counted, percent
+from beltid.errors import percent
 from beltid.report import charts
-from beltid.report.cells import axis, between, quantity, sentence
+from beltid.report.cells import axis, quantity, sentence
 from beltid.report.charts import NotDrawn, chart, draw
 from beltid.report.figures.bench import MILLI, POINTS, TALL
 from beltid.report.results import (
@@ -88,7 +88,7 @@ def _chosen(sheet: Sheet, rows: np.ndarray) -> dict[str, np.ndarray]:
     return {name: values[rows] for name, values in sheet.columns.items()}
 
 
-@chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
+@chart("friction", "Measured friction of every run (Fig. 12)", "friction")
 def _measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
     good = friction["status"] == "ok"
     if not good.any():
@@ -103,9 +103,7 @@ def _measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart(
-    "simulated:{name}", "Simulated friction of every run, {of} surface", *SIMULATED, paper="Fig. 16"
-)
+@chart("simulated:{name}", "Simulated friction of every run, {of} surface (Fig. 16)", *SIMULATED)
 def _simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     rows = [row for row in sheet.rows("simulated_runs") if row["status"] == "ok"]
     if not rows:
@@ -139,7 +137,7 @@ def sampled(sheet: Sheet, force: int, speed: int) -> tuple[np.ndarray, ...]:
     return f, v * MILLI, np.asarray(sheet.surface.mu(f[:, None], v[None, :]))
 
 
-@chart("map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)")
+@chart("map-{name}", "The {of} surface as a map (Fig. 13 (b))", *SURFACES)
 def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     from matplotlib.ticker import MaxNLocator
 
@@ -166,21 +164,12 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.margins(0.04)
     axes.grid(False)
     axes.figure.colorbar(filled, ax=axes, label=axis("mu"))
-    forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
-    speeds = class_name(MILLI * surface.slip_speed_m_s)
-    said = f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used."
-    if sheet.name == "surface_refined":
-        said += " The box is wider than the circles: local forces in the contact exceed the mean."
-    return said
+    wider = " The box is wider than the circles: local forces in the contact exceed the mean."
+    return "Beyond the box the nearest µ is used." + wider * (sheet.name == "surface_refined")
 
 
 @chart(
-    "surface-space",
-    "The surface in space",
-    *SURFACES,
-    paper="Fig. 13 (a)",
-    once=True,
-    panels=charts.SPACE,
+    "surface-space", "The surface in space (Fig. 13 (a))", *SURFACES, once=True, panels=charts.SPACE
 )
 def _in_space(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     f, v, mu = sampled(sheet, 25, 21)
@@ -232,7 +221,7 @@ chart("belts-speed", "Friction of every belt over sliding speed")(
 )
 
 
-@chart("averaged:{name}", "Measured against simulated", HELD_OUT, *COMPARED, paper="Fig. 17")
+@chart("averaged:{name}", "Measured against simulated (Fig. 17)", HELD_OUT, *COMPARED)
 def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     rows = sheet.rows("averaged")
     if not rows:
@@ -251,11 +240,7 @@ def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     over_force(axes, data, "mu_simulated", band=band, marker="o", mfc="none", ms=8, lw=1.4)
     axes.plot([], [], "s", color=charts.FAINT, label="measured")
     axes.plot([], [], "-o", color=charts.FAINT, mfc="none", ms=8, label="simulated")
-    if sheet.overall.get("rms_percent") is not None:
-        worst = sheet.overall["largest_percent"]
-        runs = counted(sheet.overall["n_points"], "run")
-        said += f". Over {runs}: {sheet.rms_percent} % RMS, {worst:.2f} % at worst"
-    return f"Measured against simulated, {sheet.label}", f"{said}."
+    return f"Measured against simulated, {sheet.label} (Fig. 17)", f"{said}."
 
 
 def _scatter(sheet: Sheet, means: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -346,10 +331,8 @@ def _budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     axes.margins(x=0.16)
     axes.grid(axis="y", visible=False)
     axes.set_xlabel("standard uncertainty (k = 1) [%]")
-    hidden = len(single) - MOST_SOURCES
-    note = f" The table has {counted(hidden, 'smaller source')}." if hidden > 0 else ""
     return (
         f"Uncertainty {OF[sheet.name]}",
-        f"Contribution of each source, root mean square over the range of the runs{worst}. Errors "
-        f"that all runs share do not average out.{note}",
+        f"Contribution of the largest sources, root mean square over the range of the runs{worst}. "
+        "Errors that all runs share do not average out.",
     )
