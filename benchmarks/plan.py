@@ -31,6 +31,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.plan.candidates import (
+    USUAL_NOISE,
     NoiseLaw,
     knowledge_at,
     settings_of_rig,
@@ -112,7 +113,6 @@ class SyntheticBench(NamedTuple):
     runs: int
 
 
-USUAL_NOISE = NoiseLaw()
 FACTORIAL = (
     (40.0, 68.0, 82.0),
     (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0),
@@ -211,12 +211,13 @@ def planned(bench: SyntheticBench) -> tuple[Plan, Target]:
     of = bench.design
     middle = Bench(of.belt, of.rig, Contact(), of.law, FrictionSurface.constant(1.0))
     points = settings_of_rig(*of.settings)
-    candidates = simulate_candidates(middle, of.press, points, None, of.kind)
     sources = sources_of_plan(None, of.given, of.settings[0], False)
-    rows = candidates.rows(sources, bench.noise, {})
-    before = knowledge_at(candidates.curves, None, len(sources))
-    f, v = candidates.campaign.measured.normal_force, candidates.campaign.measured.slip_speed
-    target = surface_target(candidates.curves, (f.min(), f.max()), (v.min(), v.max()))
+    rows, runs, curves = simulate_candidates(
+        middle, of.press, points, None, sources, bench.noise, kind=of.kind
+    )
+    f, v = runs.normal_force, runs.slip_speed
+    target = surface_target(curves, (f.min(), f.max()), (v.min(), v.max()))
+    before = knowledge_at(curves, None, len(sources))
     return choose_plan(before, rows, target, sources, bench.runs, 0.0), target
 
 

@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -133,6 +134,9 @@ class NoiseLaw:
         return np.asarray(self.scale**2 * (self.friction**2 + by_tension + MODEL_ERROR**2))
 
 
+USUAL_NOISE: Final = NoiseLaw()
+
+
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
     """Fit (P6) to the squared standard errors of reduced runs, in relative misfits.
 
@@ -165,44 +169,22 @@ def settings_of_rig(
     return [OperatingPoint(math.radians(arc), T_0, omega) for arc, T_0, omega in every]
 
 
-@dataclass(frozen=True, slots=True)
-class Candidates:
-    """Candidate runs, simulated with the present surface."""
-
-    campaign: Campaign  # the runs with their simulated tensions, and the bench
-    curves: Curves  # knots and speeds of the surface
-    J: Array  # derivatives of ln mu with respect to the parameters, (n, size)
-    speed_slope: Array  # and to ln v, (n,)
-    slopes: Array  # and to the inputs of the simulated rig, (n, 8)
-
-    def rows(
-        self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
-    ) -> RunRows:
-        """Build the rows of the linear model, one for each candidate.
-
-        The shared errors are in the order of the columns of S; one that does not affect new runs
-        has zeros. `columns` holds the change of ln mu per unit of each reduction error, by key.
-        """
-        measured = self.campaign.measured
-        shared = {key: np.full((len(self.J), 1), value) for key, value in columns.items()}
-        of_arc = np.eye(int(measured.arc.max()) + 1)[measured.arc]
-        shared[ARC] = self.J.sum(axis=1)[:, None] * of_arc
-        campaign = replace(self.campaign, measured=replace(measured, columns=shared))
-        S = residual_changes(campaign, sources, self.slopes, self.speed_slope)
-        return RunRows(self.J, S, noise.variance(measured), measured.arc)
-
-
 def simulate_candidates(
     bench: Bench,
     press: PressLaw,
     points: Sequence[OperatingPoint],
     known: SurfaceUncertainty | None,
+    sources: Sequence[Source],
+    noise: NoiseLaw = USUAL_NOISE,
+    columns: Mapping[str, float] = MappingProxyType({}),
     kind: RigKind = TWO_CELLS,
-) -> Candidates:
+) -> tuple[RunRows, Measured, Curves]:
     """Simulate each setting once with the present surface, and differentiate it.
 
     Before any run (`known` None) that is the mean of the prior; the surface of the bench is not
-    used. Raises `ConvergenceError` if a setting has no sliding state.
+    used. `columns` holds the change of ln mu per unit of each reduction error, by key. Returned are
+    the rows of the linear model, the simulated runs, and the knots of the parameters. Raises
+    `ConvergenceError` if a setting has no sliding state.
     """
     surface, known_arcs = (None, ()) if known is None else (known.surface, known.arcs_deg)
     arc = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs)[0]
@@ -217,9 +199,12 @@ def simulate_candidates(
     log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
     runs = simulated_runs(bench, points, arc, kind, (done.tight, done.slack))
-    campaign = replace(campaign, measured=runs)
+    shared = {key: np.full((arc.size, 1), value) for key, value in columns.items()}
+    shared[ARC] = done.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
+    campaign = replace(campaign, measured=replace(runs, columns=shared))
     slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
-    return Candidates(campaign, curves, done.J, done.speed_slope, slopes)
+    S = residual_changes(campaign, sources, slopes, done.speed_slope)
+    return RunRows(done.J, S, noise.variance(runs), arc), runs, curves
 
 
 def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:

@@ -454,11 +454,9 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         """Add the share that the surface explains and, if it is large, the evidence for it."""
         keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
         if effect.key != ARC:
-            Z = effects[keys[0]]
-            weight = np.square(unit[keys[0]] @ numbers) * np.mean(np.square(Z), axis=0)
-            share = found.runs.explained(Z * response, found.sizes)
-            explained = np.average(share, weights=weight if np.any(weight) else None)
-            effect = replace(effect, explained=float(explained))
+            change = effects[keys[0]] @ (unit[keys[0]] @ numbers)
+            explained = found.runs.explained(found.runs.response * change, found.sizes)
+            effect = replace(effect, explained=explained)
         if effect.is_large:  # this takes a search
             effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
         return effect

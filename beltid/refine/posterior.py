@@ -244,20 +244,18 @@ class LinearRuns:
         penalty = self.precision(sizes) @ np.square(coordinates)
         return float(residual @ np.linalg.solve(V, residual) + penalty)
 
-    def explained(self, columns: Array, sizes: Sizes) -> Array:
-        """Compute the share of columns (n, k) that the surface can explain, shape (k,).
+    def explained(self, change: Array, sizes: Sizes) -> float:
+        """Compute the share of a change of the runs (n,) that the surface can explain.
 
         ``1 - z' V^-1 z / z' v^-1 z``, v the variance of the noise and V that of the runs by noise
         and surface: a squared multiple correlation with the columns of the surface, within the
         limits of its smoothness. The level, which the surface always explains, is subtracted first.
         """
-        level, v, X = self.response, self.variance(sizes), self.X
-        columns = columns - np.outer(level, (level / v) @ columns / (level @ (level / v)))
-        projected = (X / v[:, None]).T @ columns
-        information = (X / v[:, None]).T @ X + np.diag(self.precision(sizes))
-        explained = np.sum(projected * np.linalg.solve(information, projected), axis=0)
-        total = np.sum(np.square(columns) / v[:, None], axis=0)
-        return np.asarray(explained / np.where(total > 0.0, total, 1.0))
+        level, w, X = self.response, 1.0 / self.variance(sizes), self.X
+        z = change - level * ((level * w) @ change) / ((level * w) @ level)
+        seen, information = (X.T * w) @ z, (X.T * w) @ X + np.diag(self.precision(sizes))
+        total = float((z * w) @ z)
+        return float(seen @ np.linalg.solve(information, seen)) / total if total > 0.0 else 0.0
 
 
 def _usual_size(found: Posterior, effect: Effect) -> float:

@@ -14,7 +14,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
 from beltid.params import OperatingPoint
 from beltid.plan.candidates import (
-    Candidates,
     NoiseLaw,
     knowledge_at,
     noise_law,
@@ -38,7 +37,7 @@ from beltid.stages.inputs import (
 from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.stages.surface import NEEDED
 from beltid.store.artifact import Artifact, combined_origin
-from beltid.uncertainty.measured import measured_runs, valid_rows
+from beltid.uncertainty.measured import Measured, measured_runs, valid_rows
 from beltid.uncertainty.sources import (
     EFFECT_SOURCES,
     FITTED,
@@ -95,18 +94,19 @@ def planned(
     log.info("%d candidates, simulated with the present surface", len(points))
     try:
         bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
-        candidates = simulate_candidates(bench, press, points, known, kind)
+        rows, measured, curves = simulate_candidates(
+            bench, press, points, known, sources, noise, columns, kind
+        )
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    measured = candidates.campaign.measured
     force, speed = (
         (float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)
     )
-    target = surface_target(candidates.curves, force, speed)
+    target = surface_target(curves, force, speed)
     plan = choose_plan(
-        knowledge_at(candidates.curves, known, len(sources)),
-        candidates.rows(sources, noise, columns),
+        knowledge_at(curves, known, len(sources)),
+        rows,
         target,
         sources,
         runs,
@@ -115,7 +115,7 @@ def planned(
     )
     origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
-    session = _session(plan, points, candidates, config, based_on)
+    session = _session(plan, points, measured, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
     if (session["pulley_speed_rad_s"] < 0.0).any():
         notes.append("runs with a negative speed tell the gain of the load cells from friction")
@@ -210,13 +210,13 @@ def _noise(
 def _session(
     plan: Plan,
     points: Sequence[OperatingPoint],
-    candidates: Candidates,
+    measured: Measured,
     config: Config,
     based_on: str,
 ) -> dict[str, np.ndarray]:
     """Return the columns of the plan, with a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in points]
-    section, measured = config.plan, candidates.campaign.measured
+    section = config.plan
     session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
     rows = []
     for order, scheduled in enumerate(session, start=1):

@@ -13,8 +13,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.plan.candidates import (
     LEVEL_WIDTH,
-    Candidates,
-    NoiseLaw,
     knots_for,
     knowledge_at,
     noise_law,
@@ -24,10 +22,11 @@ from beltid.plan.candidates import (
     speeds_for,
     usual_surface,
 )
+from beltid.plan.design import RunRows
 from beltid.refine.posterior import Curves
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.measured import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import ARC, Source, SurfaceUncertainty
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -40,14 +39,6 @@ SURFACE = FrictionSurface(
 BENCH = Bench(Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), Contact(), LAW, SURFACE)
 
 
-@pytest.fixture(scope="module")
-def candidates() -> Candidates:
-    press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
-    none = np.zeros((12, 2, 0))
-    measured = SurfaceUncertainty(SURFACE, (), none, none, np.array([82.0]))
-    return simulate_candidates(BENCH, press, POINTS, measured)
-
-
 def source(error: str, size: float, place: int = 0) -> Source:
     return Source(error, error, place, size, "", 1.0, "stated")
 
@@ -57,49 +48,68 @@ def simulated_mu(bench: Bench) -> np.ndarray:
     return np.array([simulate(bench, point, settings).mu for point in POINTS])
 
 
+SOURCES = (
+    source("bending_stiffness", 0.05),
+    source("arc_setting", 0.01, place=0),
+    source(ARC, 0.003, place=1),
+    source("shared_tail", 1.0),
+    source("cell_gain", 0.002, 0),
+    source("cell_gain", 0.002, 1),
+    source("arc", 0.01),
+)
+
+
+@pytest.fixture(scope="module")
+def candidates() -> tuple[RunRows, Measured]:
+    press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
+    none = np.zeros((12, 2, 0))
+    known = SurfaceUncertainty(SURFACE, (), none, none, np.array([82.0]))
+    tail = {"shared_tail": 0.002}
+    rows, runs, _ = simulate_candidates(BENCH, press, POINTS, known, SOURCES, columns=tail)
+    return rows, runs
+
+
 def test_arcs_that_were_measured_keep_their_numbers(candidates):
     # 40° is new: it comes after the one that is known
-    assert candidates.campaign.measured.arc.tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
+    assert candidates[0].arc.tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
 
 
 def test_a_bending_stiffness_that_is_larger_shows_as_the_difference_of_two_simulations(candidates):
-    rows = candidates.rows([source("bending_stiffness", 0.05)], NoiseLaw(), {})
     stiffer = replace(BENCH, belt=BENCH.belt._replace(EI=1.05 * BENCH.belt.EI))
     change = np.log(simulated_mu(stiffer) / simulated_mu(BENCH))
     # measured less simulated: the simulated coefficient falls out with the other sign
     # (the derivative of a coarse mesh scatters where few contact points touch)
-    assert np.linalg.norm(rows.S[:, 0] + change) < 0.1 * np.linalg.norm(change)
+    assert np.linalg.norm(candidates[0].S[:, 0] + change) < 0.1 * np.linalg.norm(change)
     assert np.abs(change).max() > 2e-3
 
 
 def test_an_arc_that_is_larger_lowers_what_was_measured_on_it_alone(candidates):
-    rows = candidates.rows([source("arc_setting", 0.01, place=0)], NoiseLaw(), {})
-    assert np.all(rows.S[:4] == 0.0)  # of the arc of 82°, the last four
+    of_setting = candidates[0].S[:, 1]
+    assert np.all(of_setting[:4] == 0.0)  # of the arc of 82°, the last four
     # Eq. (6) falls by d beta / beta; what the simulated coefficient does is small against it
-    np.testing.assert_allclose(rows.S[4:, 0], -0.01 / math.radians(82.0), rtol=0.2)
+    np.testing.assert_allclose(of_setting[4:], -0.01 / math.radians(82.0), rtol=0.2)
 
 
 def test_an_effect_of_an_arc_and_a_tail_are_columns_of_their_runs(candidates):
-    sources = [source(ARC, 0.003, place=1), source("shared_tail", 1.0)]
-    rows = candidates.rows(sources, NoiseLaw(), {"shared_tail": 0.002})
-    np.testing.assert_allclose(rows.S[:4, 0], 0.003 * candidates.J.sum(axis=1)[:4], rtol=5e-3)
-    assert np.all(rows.S[4:, 0] == 0.0)
-    np.testing.assert_allclose(rows.S[:, 1], 0.002, rtol=5e-3)
+    rows, _ = candidates
+    np.testing.assert_allclose(rows.S[:4, 2], 0.003 * rows.J.sum(axis=1)[:4], rtol=5e-3)
+    assert np.all(rows.S[4:, 2] == 0.0)
+    np.testing.assert_allclose(rows.S[:, 3], 0.002, rtol=5e-3)
 
 
 def test_a_gain_of_a_cell_changes_its_sign_with_the_direction_and_nothing_else_does(candidates):
-    sources = [source("cell_gain", 0.002, 0), source("cell_gain", 0.002, 1), source("arc", 0.01)]
-    rows = candidates.rows(sources, NoiseLaw(), {}).in_both_directions(sources)
+    rows = candidates[0].in_both_directions(SOURCES)
     forward, back = np.split(rows.S, 2)
-    np.testing.assert_allclose(back[:, :2], forward[:, [1, 0]])
+    np.testing.assert_allclose(back[:, 4:6], forward[:, [5, 4]])
     # Eq. (6): ln(T_tight / T_slack); the tension at rest, which both move, counts little
-    np.testing.assert_allclose(forward[:, 0], -forward[:, 1], rtol=0.25)
-    np.testing.assert_array_equal(back[:, 2], forward[:, 2])
+    np.testing.assert_allclose(forward[:, 4], -forward[:, 5], rtol=0.25)
+    others = [0, 1, 2, 3, 6]
+    np.testing.assert_array_equal(back[:, others], forward[:, others])
     np.testing.assert_array_equal(*np.split(rows.J, 2))
 
 
 def test_the_noise_law_of_runs_is_found_again(candidates):
-    runs = candidates.campaign.measured
+    _, runs = candidates
     by_tension = 0.2 * np.hypot(1.0 / runs.tight, 1.0 / runs.slack)
     noise = np.hypot(0.004, by_tension / np.log(runs.tight / runs.slack))
     found = noise_law(replace(runs, mu_se=runs.mu * noise), scale=1.5)
