@@ -331,10 +331,8 @@ def main() -> None:
             Path.cwd()
             if error.filename is None and error.errno:  # not about a file that the user named
                 raise
-            problem = printable(
-                f"{error.filename}: {error.strerror}" if error.errno else f"{error}"
-            )
+            problem = f"{error.filename}: {error.strerror}" if error.errno else str(error)
         except FileNotFoundError:
             problem = "the working folder no longer exists: change to another one"
-        typer.echo(f"error: {problem}", err=True)
+        typer.echo(f"error: {printable(problem)}", err=True)
         sys.exit(EXIT_INPUT)

@@ -64,9 +64,7 @@ from beltid.uncertainty.sources import (
     reduction_sources,
 )
 
-NO_ARC_DEG: Final = 90.0
-"""Arc of coefficients that a table states without one: they form a single group and do not depend
-on the calibration of a rig."""
+NO_ARC_DEG: Final = 90.0  # of coefficients that a table states without an arc: a single group
 MEASURED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 NEEDED: Final = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
 REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
