@@ -428,7 +428,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     confounded = [effect for effect in effects if effect.is_confounded]
     hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
     if hidden:
-        yield f"changed with the force and the speed of the runs: {', '.join(hidden)}. {REMEDY}"
+        yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"
     if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
         yield f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"
 
