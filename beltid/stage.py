@@ -249,7 +249,6 @@ class Stage:
         **options: Any,
     ) -> tuple[dict[str, Input], Record, Artifact | None]:
         """Return what is read, as far as known the record, and what was made of the same before."""
-        from beltid.bench.files import content_of
         from beltid.store.artifact import Record
         from beltid.store.disk import sha256, source_sha256
 
@@ -261,11 +260,12 @@ class Stage:
             name = "recording" if kind in RECORDINGS and kind != self.reads[role] else kind
             besides = [table for of, table in config.run_tables.items() if of == kind]
             reads[role] = Input(given[role], kind, name, besides)
-        existing = self._check_place(source, reads, out, force=force)
         kinds = [file.kind for file in reads.values()]
+        for kind, path in config.run_tables.items():
+            if kind in kinds:
+                reads[f"{kind}_runs"] = Input(path, f"{kind}_runs", f"{kind}_runs", [])
+        existing = self._check_place(source, reads, out, force=force)
         inputs = {file.name: file.content() for file in reads.values()}
-        tables = {kind: path for kind, path in config.run_tables.items() if kind in kinds}
-        inputs |= {f"{kind}_runs": content_of(path) for kind, path in tables.items()}
         settings = self._settings(config, kinds, options)
         stated = {
             name: sorted(getattr(config, name).model_fields_set)
@@ -337,7 +337,7 @@ class Stage:
 
         items, origins, ancestors = dict[str, Any](), list[str | None](), dict[str, str]()
         hosts, guests = list[Artifact](), list[Artifact]()
-        for role, file in reads.items():
+        for role, file in ((role, reads[role]) for role in self.reads if role in reads):
             if file.kind not in RECORDINGS:
                 items[role] = found = read_artifact(file.path, file.kind)
                 is_guest = self.signature.parameters[role].kind is inspect.Parameter.KEYWORD_ONLY

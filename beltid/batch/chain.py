@@ -220,8 +220,10 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
                 page, state, belt.new = write_page([shown], out, mark), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
-        except BeltidError as error:
-            belt.failed(REPORT, error)
+        except (BeltidError, OSError) as error:  # matplotlib may have no folder to write to
+            belt.failed(
+                REPORT, error if isinstance(error, BeltidError) else BeltidError(f"{error}")
+            )
             return
         belt.states[REPORT], belt.page = state, shown
         log.info("%s: %s, %s", REPORT, state, out)

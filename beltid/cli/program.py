@@ -329,10 +329,10 @@ def main() -> None:
     except OSError as error:  # such as a file name that is too long
         try:
             Path.cwd()
-            if error.filename is None:  # not about a file that the user named
+            if error.filename is None and error.errno:  # not about a file that the user named
                 raise
-            problem = printable(f"{error.filename}: {error.strerror}")
+            problem = f"{error.filename}: {error.strerror}" if error.errno else str(error)
         except FileNotFoundError:
             problem = "the working folder no longer exists: change to another one"
-        typer.echo(f"error: {problem}", err=True)
+        typer.echo(f"error: {printable(problem)}", err=True)
         sys.exit(EXIT_INPUT)

@@ -66,7 +66,6 @@ from beltid.uncertainty.sources import (
 SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
 COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
-"""Columns of the friction table that a prediction needs."""
 ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
 MIN_SHARE_COMPARED: Final = 0.5  # share of compared runs below which the campaign fails
 PARTS: Final = ("loss_creep_rad_s", "loss_seating_rad_s", "loss_slip_rad_s")

@@ -245,12 +245,9 @@ def _verdict(plan: Plan, goal_u: float) -> str:
     """State whether to continue or to stop, and why."""
     before, after, goal = 100.0 * plan.before, 100.0 * plan.after, 100.0 * goal_u
     if plan.stop is None:
-        runs, reached = (
-            counted(len(plan.chosen), "run"),
-            "reached" if after <= goal else "not reached",
-        )
+        reached = f"goal {goal:g} % {'reached' if after <= goal else 'not reached'}"
         change = f"uncertainty of mu {before:.3g} % -> {after:.2g} %"
-        return f"{runs}: {change}, goal {goal:g} % {reached}"
+        return f"{counted(len(plan.chosen), 'run')}: {change}, {reached}"
     if plan.stop == "goal reached":
         return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
     if plan.stop == "runs do not help":

@@ -92,8 +92,7 @@ class PlannedRun:
         return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
 
 
-Results = Mapping[PlannedRun, RunResult | BeltidError]
-"""Runs of a simulated campaign, in their order, each with its result or its failure."""
+Results = Mapping[PlannedRun, RunResult | BeltidError]  # in the order of the campaign
 
 
 def simulated(

@@ -66,9 +66,7 @@ from beltid.uncertainty.sources import (
     stated_sources,
 )
 
-NO_ARC_DEG: Final = 90.0
-"""Arc of coefficients that a table states without one: they form a single group and do not depend
-on the calibration of a rig."""
+NO_ARC_DEG: Final = 90.0  # of coefficients that a table states without an arc: a single group
 MEASURED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 NEEDED: Final = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
 REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
@@ -434,7 +432,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     confounded = [effect for effect in effects if effect.is_confounded]
     hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
     if hidden:
-        yield f"changed with the force and the speed of the runs: {', '.join(hidden)}. {REMEDY}"
+        yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"
     if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
         yield f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"
 

@@ -158,22 +158,25 @@ def test_an_input_that_is_missing_or_of_another_kind_is_named(
     assert not (bench / out).exists()
 
 
+@pytest.mark.parametrize("changed", ["speedloss.csv", "runs.csv"])
 def test_an_input_that_changes_while_it_is_read_is_noticed(
-    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+    changed: str, bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage = STAGES["fit-slip"]
     compute = stage.compute
 
     def meanwhile(**given: Any) -> Any:
-        with (bench / "speedloss.csv").open("a") as file:
+        with (bench / changed).open("a") as file:
             file.write("\n")
         return compute(**given)
 
     (bench / "slip.parquet").unlink()
+    (bench / "runs.csv").write_text("file,initial_tension_N\nspeedloss.csv,300\n")
+    (bench / "other.yaml").write_text("runs: {speedloss: {table: runs.csv}}\n")
     monkeypatch.setattr(stage, "compute", meanwhile)
-    done = beltid("fit-slip", "speedloss.csv")
+    done = beltid("fit-slip", "speedloss.csv", "-c", "other.yaml")
     assert done.exit_code == 2
-    assert "was changed while it was read" in done.stderr
+    assert f"{changed}: was changed while it was read" in done.stderr
     assert not (bench / "slip.parquet").exists()
 
 

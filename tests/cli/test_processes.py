@@ -128,6 +128,14 @@ def test_a_bug_ends_with_a_traceback_and_status_1(tmp_path: Path) -> None:
     assert done.stdout == b""
 
 
+def test_what_a_library_lacks_is_one_line(tmp_path: Path) -> None:
+    """As matplotlib without any folder to write to: its error has a text alone."""
+    code = "def fail(): raise OSError('set MPLCONFIGDIR')\n"
+    code += "import beltid.cli.program as program; program.app = fail; program.main()"
+    done = python(code, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, b"error: set MPLCONFIGDIR\n")
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
 def test_the_linear_algebra_of_a_command_runs_in_one_thread(
     monkeypatch: pytest.MonkeyPatch,

@@ -1,4 +1,4 @@
-"""What a config means: numbers of YAML 1.2, defaults, SI values, hash, text."""
+"""What a config means: numbers of YAML 1.2, defaults, SI values, hash, text; whose it is."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from beltid.config import config_text, load_config
+from beltid.config import config_text, find_config, load_config
 from beltid.config.model import TensionerSection
+from beltid.errors import ConfigError
 from beltid.identify.press.recording import StiffnessSettings
 
 ROOT = Path(__file__).parents[2]
@@ -104,3 +105,37 @@ def test_every_key_is_written_with_a_meaning_and_a_number_of_any_yaml():
     keys = [line for line in text.splitlines() if line.startswith("  ")]
     assert len(keys) > 80
     assert not [line for line in keys if " # " not in line]
+
+
+def ribs(path: Path, number: int) -> Path:
+    path.write_text(f"belt: {{ribs: {number}}}\n")
+    return path
+
+
+def test_what_is_no_config_and_whose_name_it_may_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BELTID_CONFIG", "")  # counts as unset
+    recording = tmp_path / "rig.v2.csv.gz"
+    (tmp_path / "beltid.yaml").mkdir()  # a folder of that name is no config
+    assert find_config().path is find_config(recording).path is None
+    path = ribs(tmp_path / "rig.v2.yaml", 11)
+    for found in (find_config(recording), find_config(recording.name)):
+        assert (found.config.belt.ribs, found.path) == (11, path)
+
+
+def test_a_wrong_config_that_was_found_says_why_it_was_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    ribs(tmp_path / "beltid.yaml", 0)
+    with pytest.raises(ConfigError) as caught:
+        find_config(tmp_path / "rig.csv")
+    assert len(caught.value.problems) == 2
+    assert all(word in caught.value.problems[1] for word in ("beltid.yaml", "rig.csv", "--config"))
+    missing = tmp_path / "missing.yaml"
+    monkeypatch.setenv("BELTID_CONFIG", str(missing))
+    for explicit in (missing, None):
+        with pytest.raises(ConfigError, match="missing"):
+            find_config(tmp_path / "rig.csv", explicit)

@@ -1,4 +1,4 @@
-"""Tables against their text, and what must hold for all of them."""
+"""Tables against their text, what must hold for all of them; spellings of units."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, column_of
-from beltid.tables.units import CONVERSIONS
+from beltid.tables.units import CONVERSIONS, canonical_unit, conversion
 
 
 @pytest.mark.parametrize(
@@ -48,3 +48,18 @@ def test_columns_are_named_once_and_their_units_are_known(table: schemas.Table) 
         assert (column.unit == "") == (column.dtype in ("string", "bool"))
         if table.kind in schemas.RECORDINGS and column.dtype == "float64":
             assert column.unit in CONVERSIONS, column.name
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"), [("μm", "um"), ("N·m", "N m"), ("furlong", "furlong")]
+)
+def test_spellings(written: str, meant: str) -> None:
+    assert canonical_unit(written) == meant
+
+
+@pytest.mark.parametrize("target", CONVERSIONS)
+def test_a_unit_converts_to_itself_unchanged(target: str) -> None:
+    by = conversion(target, target)
+    assert by is not None
+    assert (by.factor, by.shift) == (1.0, 0.0)
+    assert all(conversion(unit, target) is not None for unit in CONVERSIONS[target])
