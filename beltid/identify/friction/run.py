@@ -203,19 +203,15 @@ class RigKind:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
             tension = self.cells[SPANS.index(span)].tension(columns[f"tension_{span}_N"])
-        if not self.running:
-            return tension
-        return pressing_tension(
-            tension, self.mass_per_length_kg_m, np.abs(columns["belt_speed_m_s"])
-        )
+        belt = np.abs(columns["belt_speed_m_s"]) if self.running else 0.0
+        return pressing_tension(tension, self.mass_per_length_kg_m, belt)
 
     def relative_speed(self, columns: Columns, R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
-        speed = columns["pulley_speed_rad_s"]
         if not self.running:
-            return speed
+            return columns["pulley_speed_rad_s"]
         belt = np.abs(columns["belt_speed_m_s"])
-        sliding = running_sliding_speed(np.abs(speed), R, belt)
+        sliding = running_sliding_speed(np.abs(columns["pulley_speed_rad_s"]), R, belt)
         return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 
@@ -228,24 +224,21 @@ def other(span: Span) -> Span:
 
 
 def drag_of(idle: Sequence[Columns]) -> Drag | None:
-    """Compute the bearing drag from runs of the pulley without the belt; None without such runs.
-
-    Each run has columns pulley_speed_rad_s [rad/s] and torque_N_m [N m].
-    """
+    """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
     found, at_rest = [], []
     for columns in idle:
         torque, magnitude, turns = _turning(columns)
-        turns &= np.isfinite(torque)
-        if not turns.any():
+        known = np.isfinite(torque)
+        if not np.any(turns & known):
             continue
-        found.append((float(np.median(magnitude[turns])), float(np.mean(torque[turns]))))
-        still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
-        if still.any():
-            at_rest.append(float(np.mean(torque[still])))
+        turning = float(np.median(magnitude[turns & known])), float(np.mean(torque[turns & known]))
+        found.append(turning)
+        still = torque[known & (magnitude <= TURNS * float(np.nanmax(magnitude)))]
+        at_rest += [float(np.mean(still))] if still.size else []
     if not found:
         return None
     speeds, torques = np.array(sorted(found)).T
-    return Drag(speeds, torques, float(np.mean(at_rest)) if at_rest else 0.0)
+    return Drag(speeds, torques, float(np.mean(at_rest or [0.0])))
 
 
 def _turning(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -115,19 +115,20 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
             f"machine compliance {settings.machine_compliance_m_N * 1e3:g} mm/N times the force "
             "exceeds the crosshead travel, must be less"
         )
+    cycles = find_cycles(travel, force)
+    complete = [cycle for cycle in cycles if cycle.complete]
+    kept = (complete or cycles)[CYCLES[settings.cycles]]
+    numbers = ", ".join(str(cycle.number) for cycle in kept)
+    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
+        (not complete, "never unloaded"),
+        (len(cycles) > 1, of_cycles),
     )
-    cycles = find_cycles(travel, force)
-    complete = [cycle for cycle in cycles if cycle.complete]
-    kept = (complete or cycles)[CYCLES[settings.cycles]]
-    numbers = ", ".join(str(cycle.number) for cycle in kept)
-    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
-    changes += (not complete, "never unloaded"), (len(cycles) > 1, of_cycles)
     temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
         label=label,
@@ -147,6 +148,11 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 def spread(x: Array) -> float:
     """Return the range of the bulk of the samples, from the 1 % to the 99 % quantile."""
     return float(np.diff(np.quantile(x, [0.01, 0.99]))[0])
+
+
+def _steady_max(x: Array) -> float:
+    """Return the largest value of a short running median, so that noise does not count."""
+    return float(np.max(running_median(x, 5)))
 
 
 def _start_level(force: Array) -> float:
@@ -309,6 +315,11 @@ class PressCurve:
         return self.recorded.label
 
     @property
+    def temperature_degC(self) -> float:
+        """Temperature of the test; nan if unknown."""
+        return self.recorded.temperature_degC
+
+    @property
     def unloads(self) -> bool:
         """True if both branches were recorded."""
         return len(self.branches) == 2
@@ -413,11 +424,6 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         top_position_m=max(_steady_max(b.position_m) for b in branches),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
     )
-
-
-def _steady_max(x: Array) -> float:
-    """Return the largest value of a short running median, so that noise does not count."""
-    return float(np.max(running_median(x, 5)))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:
