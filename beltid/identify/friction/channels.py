@@ -229,9 +229,8 @@ def unswapped(channels: RunRecord, rotation: Rotation) -> tuple[RunRecord, bool]
     tight, slack = _second_half(channels, rotation).T
     if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
         return channels, False
-    reason = channels.kind.reversed("rig")
-    if reason:
-        raise RunRejected(reason)
+    if channels.kind.reversed:
+        raise RunRejected(channels.kind.reversed)
     tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
     return replace(channels, tensions=tensions, rounding_N=rounding_N), True
 

@@ -128,8 +128,7 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
     """Return why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
-        bad_arc = arc_problem(run.arc_deg)
-        if bad_arc:
+        if bad_arc := arc_problem(run.arc_deg):
             return bad_arc
         if kind.measures == "torque_hub" and np.isnan(tensions).any():
             return (
@@ -137,8 +136,8 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
                 "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
                 "does not depend on the sum of the tensions"
             )
-        if tensions[0] < tensions[1] and (why := kind.reversed("points")):
-            return why
+        if tensions[0] < tensions[1] and kind.reversed:
+            return kind.reversed
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
                 found = "0 or missing" if np.isnan(tension) else f"{tension:g}"

@@ -161,11 +161,9 @@ class RigKind:
             raise InputError(missing)
         return found
 
-    def reversed(self, table: str) -> str:
-        """Explain a slack tension above the tight one; empty for two cells.
-
-        `table` is the name under which the config maps the columns, "rig" or "points".
-        """
+    @property
+    def reversed(self) -> str:
+        """What explains a slack tension above the tight one; empty for two cells."""
         if self.measures == "dead_weight":
             return (
                 f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
@@ -175,7 +173,7 @@ class RigKind:
             return (
                 "the torque is negative while the pulley turns; if the sensor counts the other "
                 "way, reverse its sign with a minus before the column name: columns: "
-                f'{{{table}: {{torque_N_m: "-torque_N_m"}}}}'
+                '{rig: {torque_N_m: "-torque_N_m"}}'
             )
         return ""
 
