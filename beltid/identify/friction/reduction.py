@@ -16,12 +16,12 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -78,11 +78,12 @@ def reduce_plateaus(
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    labels = pd.Series([str(label) for label in columns["run"]], dtype=object)
-    number = (labels.groupby(labels).cumcount() + 1).astype(str)
-    # rows with the same label are numbered
-    labels = labels.where(~labels.duplicated(keep=False), labels + "-" + number)
-    table |= {"run": labels.to_numpy(), **texts}
+    labels, counts = [str(label) for label in columns["run"]], Counter[str]()
+    repeated = {label for label, count in Counter(labels).items() if count > 1}
+    for row, label in enumerate(labels):
+        counts[label] += 1
+        labels[row] += f"-{counts[label]}" if label in repeated else ""
+    table |= {"run": np.array(labels, dtype=object), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))

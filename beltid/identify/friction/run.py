@@ -66,10 +66,7 @@ class KnownCell:
     gain: float = 1.0  # ratio of the true force to the reading less tare [-]
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Convert readings of the cell [N] to the tension of its span, ``gain (reading - tare)``.
-
-        An exact zero is a lost reading: nan.
-        """
+        """Convert readings [N] to the tension, ``gain (reading - tare)``; exact zeros are lost."""
         reading = np.asarray(reading_N, dtype=float)
         return self.gain * (np.where(reading == 0.0, np.nan, reading) - self.tare_N)
 
@@ -139,10 +136,7 @@ class RigKind:
         return [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
 
     def found_in(self, columns: Columns) -> RigKind:
-        """Return this kind with what a whole recording holds beside a torque.
-
-        Raises :class:`InputError` if channels are missing.
-        """
+        """Return this kind with what a recording holds beside a torque, or raise `InputError`."""
         found = self
         if self.measures == "torque":
             both = (self.torque_with, other(self.torque_with))
@@ -180,10 +174,7 @@ class RigKind:
     def tensions(
         self, columns: Columns, arc_deg: float | Array, R: float, drag: Drag | None = None
     ) -> tuple[Array, Array]:
-        """Compute the tensions that press the belt onto the pulley [N], shape (n,) each.
-
-        From the channels (n,) on a contact arc [deg] of radius R [m], without the drag.
-        """
+        """Compute the tensions that press the belt on an arc [deg], radius R [m], (n,) each [N]."""
         if not self.has_torque:
             return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
         torque, magnitude, _ = _turning(columns)
@@ -253,18 +244,14 @@ def _has_values(columns: Columns, name: str) -> bool:
 
 
 class RunRejected(Exception):
-    """Signals that a run cannot be reduced; the message becomes the status of the run.
-
-    It is caught within the reduction of the run: one bad run must not stop the others.
-    """
+    """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
 
 
 @dataclass(slots=True, kw_only=True)
 class RunReduction:
-    """Result of one run of the friction rig. Values that could not be determined are nan.
+    """Result of one run of the friction rig. What is not known is nan or None.
 
-    The passes of the reduction fill it in: a rejected run keeps the values determined before the
-    reason was found. What is known before is nan or None if not stated.
+    The passes of the reduction fill it in: a rejected run keeps what was found before the reason.
     """
 
     run: str = ""
@@ -320,10 +307,7 @@ class RunReduction:
         return self.status == "ok"
 
     def set_plateau(self, tight: float, slack: float, R: float) -> None:
-        """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
-
-        A friction coefficient or a normal force that the tensions do not give is nan.
-        """
+        """Set tensions [N], mu by Eq. (6), the normal force by Eq. (8); nan where not given."""
         self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
         self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
         is_taut = tight > 0.0 and slack > 0.0

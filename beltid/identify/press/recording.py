@@ -86,9 +86,8 @@ class PressTest:
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
-    `part` holds the columns in time order, (n,) each; nan where missing. Raises
-    :class:`InputError` for too few samples, no travel, no contact, a test that begins in contact,
-    or a clipped load cell.
+    The columns are in time order, (n,), nan where missing. Raises `InputError` for too few samples,
+    no travel, no contact, a test that begins in contact, or a clipped load cell.
     """
     samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples).all(axis=0)
@@ -170,7 +169,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
 
 
 def _require_contact(travel: Array, force: Array, noise: float) -> None:
-    """Raise :class:`InputError` if force or travel do not rise above their noise."""
+    """Raise `InputError` if force or travel do not rise above their noise."""
     rise = float(np.max(force) - np.quantile(force, 0.01))
     if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
@@ -186,10 +185,7 @@ def _require_contact(travel: Array, force: Array, noise: float) -> None:
 
 
 def _require_range(travel: Array, force: Array) -> None:
-    """Raise :class:`InputError` if the force stays at its largest value while the plate moves on.
-
-    In a hold the crosshead stands still; ADC steps and noise explain a little.
-    """
+    """Raise `InputError` if the force stays at its largest value while the plate moves on."""
     limit, level = float(np.max(force)), _start_level(force)
     at_limit = force >= limit
     first = int(np.argmax(at_limit))
@@ -239,8 +235,7 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     """Find the samples where the crosshead reverses, including start and end.
 
-    A return travel above the threshold, in the unit of `travel`, counts as a reversal: it must
-    exceed noise and creep during a hold.
+    A return above the threshold, in the unit of `travel`, counts: more than noise and creep.
     """
     turns: list[int] = []
     low = high = direction = 0
@@ -261,10 +256,7 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
 
 
 def find_cycles(travel: Array, force: Array) -> list[PressCycle]:
-    """Split a test into cycles at the reversals of the crosshead, in time order.
-
-    Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
-    """
+    """Split a test at the reversals, but loadings to less than half of the largest force."""
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
     turns = turning_points(travel, least)
     cycles: list[PressCycle] = []
