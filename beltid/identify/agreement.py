@@ -46,10 +46,7 @@ SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s"
 
 
 def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
-    """Return a row about a group of differences in percent, at forces [N/m]; None without points.
-
-    Relative differences are (simulated - measured)/measured.
-    """
+    """Return a row of relative differences in percent, at forces [N/m]; None without points."""
     n = relative.size
     percent = {
         f"{name}_percent": 100.0 * x if n else None for name, x in _figures(relative).items()
@@ -252,8 +249,7 @@ def _match(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
     """Match the runs; return measured rows, simulated rows, and runs without a pair with reasons.
 
-    If several simulated runs are within the tolerances, the one with the same label is chosen,
-    otherwise the one with the nearest speed. Repeated measured runs may share a simulated run.
+    The same label wins among simulated runs within the tolerances, else the nearest speed.
     """
     pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []

@@ -32,10 +32,9 @@ def median(x: Array) -> float:
 
 
 def mad_sigma(x: ArrayLike) -> float:
-    """Estimate the standard deviation of the finite samples of x from their median deviation.
+    """Estimate the standard deviation of finite samples from their median deviation; nan if none.
 
-    It is nan without samples. If more than half of them are equal (a coarse ADC), the mean absolute
-    deviation is used instead, so that the spread is zero only if all samples are equal.
+    If more than half are equal (a coarse ADC), the mean deviation is used: zero only if all are.
     """
     values = np.asarray(x, dtype=float).ravel()
     values = values[np.isfinite(values)]
@@ -49,8 +48,7 @@ def mad_sigma(x: ArrayLike) -> float:
 def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
     """Mark samples (n,) of a steady signal that are missing or far from its median.
 
-    :data:`OUTLIER` multiplies their spread, which is at least `least_spread`, in the unit of `x`.
-    With fewer than three finite samples none is an outlier.
+    The limit is :data:`OUTLIER` times their spread, at least `least_spread`; none of two or fewer.
     """
     values = np.asarray(x, dtype=float).ravel()
     mask = ~np.isfinite(values)
@@ -225,10 +223,9 @@ def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
-    """Mark finite samples (n,) that lie far from the running median of their neighbours.
+    """Mark finite samples (n,) far from the running median, in deviations of the white noise.
 
-    The limit, in standard deviations of the white noise, grows with the local change of the median,
-    so that the steep build-up of a run and its corner do not count as spikes.
+    The limit grows with the local change of the median: a steep build-up is no spike.
     """
     if x.size < 5:
         return np.zeros(x.size, dtype=bool)
@@ -240,10 +237,7 @@ def spike_mask(x: Array, threshold: float) -> Mask:
 
 
 def block_means(x: Array, starts: NDArray[np.intp]) -> Array:
-    """Average a record (n,) or (n, m) over blocks that begin at `starts`.
-
-    Only finite samples count; a block is nan if most of its samples are missing.
-    """
+    """Average a record (n,) or (n, m) over blocks from `starts` on; nan if most is missing."""
     size = np.diff(np.append(starts, len(x))).astype(float).reshape(-1, *[1] * (x.ndim - 1))
     finite = np.isfinite(x)
     if finite.all():
@@ -260,12 +254,11 @@ def line_columns(t: Array, frequency: float) -> Array:
 
 
 def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
-    """Find the frequency of the strongest periodic component above the noise.
+    """Find the frequency [Hz] of the strongest periodic component above the noise, or None.
 
-    A line needs at least one and a half periods in the record, and must exceed both white noise and
-    its neighbourhood in the spectrum (so that red noise does not count as a line). The residuals
-    (n, m) at the times t [s] are in units of their noise and orthogonal to the orthonormal columns
-    already fitted, `basis` (n, p). The frequency [Hz] is refined by least squares.
+    It needs one and a half periods, and must exceed white noise and its neighbourhood in the
+    spectrum (red noise is no line). The residuals (n, m) at t [s], in units of their noise, are
+    orthogonal to the orthonormal columns already fitted (n, p).
     """
     n = t.size
     duration = float(t[-1] - t[0])

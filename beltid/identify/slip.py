@@ -79,10 +79,10 @@ class SlipResult:
 def gross_slip(
     speed: Array, tension: Array, torque: Array, loss: Array, se: Array, usable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Mark the usable runs with gross slip; arrays with one entry per run, nan where unknown.
+    """Mark usable runs with gross slip; arrays with one entry per run, nan where unknown.
 
-    A series holds the runs of one driver speed and initial tension. Its creep [rad/s per N m] is
-    the median loss per torque of its less loaded runs, at least three.
+    The creep [rad/s per N m] of a driver speed and tension is the median loss per torque of the
+    less loaded runs, at least three.
     """
     settings = np.stack([snap_to_settings(x, SAME_SETTING) for x in (speed, tension)])
     # all unknown values form one setting
@@ -249,11 +249,10 @@ def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, floa
 
 
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
-    """Average each run without its spikes; the standard error comes from the pooled noise.
+    """Average each run of evenly spaced samples (n,), nan where missing, without its spikes.
 
-    Each of R runs has evenly spaced samples of a steady signal (n,), nan where missing; the runs of
-    a series (R,) have equal noise. Returns means and standard errors ``s sqrt(tau / n)`` with the
-    variance s² and the correlation time tau [samples] of the series, (2, R); nan if unknown.
+    Runs of a series (R,) have equal noise: its variance s² and correlation time tau [samples] give
+    the standard errors ``s sqrt(tau / n)``. Returns means and errors (2, R), nan if unknown.
     """
     steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in samples])
     noise = mad_sigma(steps) / math.sqrt(2.0) if steps.size else 0.0

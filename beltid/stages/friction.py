@@ -106,7 +106,7 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
             position, force = _means_of_neighbours(branch)
             part = {
                 "test": np.array(curve.test, dtype=object),
-                "temperature_degC": np.array(curve.recorded.temperature_degC),
+                "temperature_degC": np.array(curve.temperature_degC),
                 "cycle": np.array(curve.cycle, dtype=np.int64),
                 "branch": np.array(branch.name, dtype=object),
                 "penetration_m": position - result.pooled.contact_m[curve.test],

@@ -245,21 +245,3 @@ def test_mu_depends_neither_on_the_unit_of_force_nor_on_the_origin_of_time(
     assert abs(other.mu_sliding - run.mu_sliding) < 0.01 * run.mu_sliding_se
     assert other.mu_sliding_se == pytest.approx(run.mu_sliding_se, rel=0.01)
     assert other.initial_tension_N == pytest.approx(run.initial_tension_N * factor, rel=1e-6)
-
-
-def test_a_build_up_with_most_of_the_samples_is_no_lack_of_sliding() -> None:
-    """A simulated recording has its samples where the tensions change."""
-    time = np.concatenate([np.linspace(0.0, 1.0, 10), 1.0 + np.geomspace(1e-3, 20.0, 150)])
-    turned = np.maximum(time - 1.0, 0.0)
-    ratio = 0.9 * (1.0 - np.exp(-turned / 1.5))
-    half = 300.0 * np.tanh(0.5 * ratio)
-    assert np.mean(ratio[10:] < 0.8) > 0.7
-    columns = {
-        "time_s": time,
-        "tension_tight_N": 300.0 + half,
-        "tension_slack_N": 300.0 - half,
-        "pulley_speed_rad_s": np.where(turned > 0.0, 0.2, 0.0),
-    }
-    run = reduce_columns(columns, 60.0)
-    assert run.status == "ok"
-    assert run.mu_sliding == pytest.approx(0.9 / np.radians(60.0), rel=1e-3)

@@ -110,6 +110,15 @@ def test_a_weight_beside_a_torque_gives_what_it_gives_beside_a_cell():
         reduce_runs(columns, R, RigKind("torque", weight_stated=False))
 
 
+def test_a_run_without_the_span_that_the_others_hold_is_set_aside(bench):
+    columns, other = without(bench, *BESIDE[1:]), bench["run"] == bench["run"][0]
+    columns[CELLS[0]] = np.where(other, columns[CELLS[0]], np.nan)
+    columns[CELLS[1]] = np.where(other, np.nan, columns[CELLS[1]])
+    first, *rest = reduce_runs(columns, R, RigKind("torque"))
+    assert first.status == "column tension_slack_N is missing"
+    assert all(run.ok and run.torque_with == "slack" for run in rest)
+
+
 def idle_run(drag_N_m: float, zero_N_m: float, speed: float = 0.21) -> Columns:
     turns = np.arange(100) >= 20
     return {

@@ -52,10 +52,9 @@ SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
-    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes, (k, m, m).
+    """Compute covariances of block means of unit Ornstein–Uhlenbeck processes, (k, m, m).
 
-    Times of the first and the last of evenly spaced samples [s], in order, and their number, for
-    each of m blocks; k correlation times [s].
+    From first and last of evenly spaced samples [s] and their number (m,); correlation times [s].
     """
     memory = np.asarray(tau, dtype=float)[:, None]
     step = np.where(count > 1, (last - first) / np.maximum(count - 1, 1), 1.0) / memory
@@ -76,9 +75,9 @@ def log_settings(records: Sequence[SlidingRecord]) -> Array:
 
 
 class Bench:
-    """Records of several runs as arrays of the model, over the sensitivity c: newtons at a cell.
+    """Records as arrays of the model, over the sensitivity c: newtons at a cell.
 
-    Each run has as many rows as the longest record, and two for the slopes at rest.
+    A run has as many rows as the longest record, and two for the slopes at rest.
     """
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:

@@ -82,8 +82,9 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
-    names = ("time_s", "tensions", "speed", "temperature")
-    return replace(record, rounding_N=rounding_N, **dict(zip(names, columns, strict=True)))
+    t, tensions, speed, temperature = columns
+    clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
+    return replace(clean, rounding_N=rounding_N)
 
 
 def _untied(t: Array) -> Array:
@@ -162,10 +163,7 @@ class Rotation:
 
 
 def find_rotation(speed: Array) -> Rotation:
-    """Locate the rotation in the finite speeds of the pulley [rad/s], (n,).
-
-    Raises `RunRejected` if the pulley never turns, or for too short.
-    """
+    """Locate the rotation in finite speeds [rad/s], (n,); `RunRejected` if none is long enough."""
     smooth = running_median(speed, 5)
     magnitude = np.abs(smooth)
     noise = difference_sigma(speed)
@@ -221,25 +219,18 @@ def _second_half(channels: RunRecord, rotation: Rotation) -> Array:
 
 
 def unswapped(channels: RunRecord, rotation: Rotation) -> tuple[RunRecord, bool]:
-    """Swap the cells if the slack one shows the larger tension throughout the sliding.
-
-    Raises `RunRejected` if swapped cells cannot be the cause.
-    """
+    """Swap the cells if the slack one reads more throughout; `RunRejected` if none were swapped."""
     tight, slack = _second_half(channels, rotation).T
     if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
         return channels, False
-    reason = channels.kind.reversed("rig")
-    if reason:
-        raise RunRejected(reason)
+    if channels.kind.reversed:
+        raise RunRejected(channels.kind.reversed)
     tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
     return replace(channels, tensions=tensions, rounding_N=rounding_N), True
 
 
 def as_if_held(channels: RunRecord, rotation: Rotation) -> RunRecord:
-    """Convert the tensions of a belt on a dead weight to those of a belt with fixed ends.
-
-    The ratio of the tensions is kept; their sum is set to its median while the belt slides.
-    """
+    """Return tensions of the same ratio with the median of their sum, as if both ends were held."""
     sum_N = median(_second_half(channels, rotation).sum(axis=1))
     tight, slack = channels.tensions.T
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -261,10 +252,7 @@ class SlidingPhase:
 
 
 def sliding_phase(channels: RunRecord, rotation: Rotation) -> SlidingPhase:
-    """Find where the belt begins to slide as a whole.
-
-    Raises `RunRejected` if it never slides, or a cell does not respond.
-    """
+    """Find where the whole belt slides; `RunRejected` if never, or a cell does not respond."""
     keep = np.flatnonzero(channels.usable[: rotation.end])
     t = channels.time_s[keep]
     tensions = channels.tensions[keep]
@@ -338,10 +326,9 @@ class Rest:
 def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
     """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
-    From times (n,) [s], tensions of the tight and the slack cell [N], unusable ones as nan, (n, 2),
-    and the errors (2,) of means by coarse converters [N]. Samples just before the rotation whose
-    tensions already separate (a lagging speed channel) are excluded. Raises `RunRejected` if fewer
-    than `MIN_SAMPLES` are left.
+    Tensions (n, 2) are nan where unusable; `rounding_N` (2,) are errors of means by converters.
+    Samples whose tensions already separate (a lagging speed channel) are left out; `RunRejected` if
+    fewer than `MIN_SAMPLES` remain.
     """
     kept = _quiet_samples(tensions)
     mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
@@ -400,12 +387,11 @@ def _slope(t: Array, x: Array) -> tuple[float, float]:
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:
-    """Describe a mismatch of mean tensions at rest and stated initial tensions (n,) [N].
+    """Describe a mismatch of mean tensions at rest and stated initial tensions (n,) [N], or "".
 
-    Each level of tension has an offset and a factor, medians over its runs. The median level
-    counts if the levels agree on it, so that a few wrongly set runs or levels do not matter. The
-    text is empty if they match, if the levels do not agree on a mismatch, or if fewer than four
-    runs or a single tension do not allow a check.
+    Each level of tension has an offset and a factor, medians over its runs; the median level counts
+    if the levels agree on it, so that a few wrongly set ones do not matter. Fewer than four runs,
+    or a single tension, allow no check.
     """
     usable = np.isfinite(measured_N) & (stated_N > 0.0)
     measured, stated = measured_N[usable], stated_N[usable]

@@ -58,10 +58,7 @@ ONSET = 200  # most samples of the build-up that are kept for the sticking peak
 
 
 def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecord | None]:
-    """Condense one record on a pulley of radius R [m] to the data its campaign needs.
-
-    Returns what its own record gives, and its sliding phase; None if the status is final.
-    """
+    """Return what a record gives by itself, and its sliding; None if the status is final."""
     run = replace(record.result)
     try:
         return run, _sliding(run, record, R)
@@ -221,10 +218,9 @@ class SlidingRecord:
 def sliding_record(
     phase: SlidingPhase, rest: Rest, rounding_N: Array, weight: Span | None, R: float
 ) -> SlidingRecord:
-    """Average the sliding phase of a run on a pulley of radius R [m] over blocks.
+    """Average the sliding of a run on a pulley of radius R [m] over blocks.
 
-    `rounding_N` (2,) are the errors of means of both cells by coarse converters, `weight` is the
-    span that carries a dead weight.
+    Means of the cells are off by `rounding_N` (2,); `weight` is the span with a dead weight.
     """
     # nine tenths of the build-up were reached at `built`: its end is a ninth further
     built_m = R * float(phase.angle[phase.built])

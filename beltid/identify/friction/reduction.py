@@ -16,12 +16,12 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -78,11 +78,12 @@ def reduce_plateaus(
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    labels = pd.Series([str(label) for label in columns["run"]], dtype=object)
-    number = (labels.groupby(labels).cumcount() + 1).astype(str)
-    # rows with the same label are numbered
-    labels = labels.where(~labels.duplicated(keep=False), labels + "-" + number)
-    table |= {"run": labels.to_numpy(), **texts}
+    labels, counts = [str(label) for label in columns["run"]], Counter[str]()
+    repeated = {label for label, count in Counter(labels).items() if count > 1}
+    for row, label in enumerate(labels):
+        counts[label] += 1
+        labels[row] += f"-{counts[label]}" if label in repeated else ""
+    table |= {"run": np.array(labels, dtype=object), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
@@ -128,8 +129,7 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
     """Return why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
-        bad_arc = arc_problem(run.arc_deg)
-        if bad_arc:
+        if bad_arc := arc_problem(run.arc_deg):
             return bad_arc
         if kind.measures == "torque_hub" and np.isnan(tensions).any():
             return (
@@ -137,8 +137,8 @@ def _problem(run: RunReduction, kind: RigKind) -> str:
                 "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
                 "does not depend on the sum of the tensions"
             )
-        if tensions[0] < tensions[1] and (why := kind.reversed("points")):
-            return why
+        if tensions[0] < tensions[1] and kind.reversed:
+            return kind.reversed
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
                 found = "0 or missing" if np.isnan(tension) else f"{tension:g}"

@@ -66,10 +66,7 @@ class KnownCell:
     gain: float = 1.0  # ratio of the true force to the reading less tare [-]
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Convert readings of the cell [N] to the tension of its span, ``gain (reading - tare)``.
-
-        An exact zero is a lost reading: nan.
-        """
+        """Convert readings [N] to the tension, ``gain (reading - tare)``; exact zeros are lost."""
         reading = np.asarray(reading_N, dtype=float)
         return self.gain * (np.where(reading == 0.0, np.nan, reading) - self.tare_N)
 
@@ -139,10 +136,7 @@ class RigKind:
         return [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
 
     def found_in(self, columns: Columns) -> RigKind:
-        """Return this kind with what a whole recording holds beside a torque.
-
-        Raises :class:`InputError` if channels are missing.
-        """
+        """Return this kind with what a recording holds beside a torque, or raise `InputError`."""
         found = self
         if self.measures == "torque":
             both = (self.torque_with, other(self.torque_with))
@@ -161,11 +155,9 @@ class RigKind:
             raise InputError(missing)
         return found
 
-    def reversed(self, table: str) -> str:
-        """Explain a slack tension above the tight one; empty for two cells.
-
-        `table` is the name under which the config maps the columns, "rig" or "points".
-        """
+    @property
+    def reversed(self) -> str:
+        """What explains a slack tension above the tight one; empty for two cells."""
         if self.measures == "dead_weight":
             return (
                 f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
@@ -175,17 +167,14 @@ class RigKind:
             return (
                 "the torque is negative while the pulley turns; if the sensor counts the other "
                 "way, reverse its sign with a minus before the column name: columns: "
-                f'{{{table}: {{torque_N_m: "-torque_N_m"}}}}'
+                '{rig: {torque_N_m: "-torque_N_m"}}'
             )
         return ""
 
     def tensions(
         self, columns: Columns, arc_deg: float | Array, R: float, drag: Drag | None = None
     ) -> tuple[Array, Array]:
-        """Compute the tensions that press the belt onto the pulley [N], shape (n,) each.
-
-        From the channels (n,) on a contact arc [deg] of radius R [m], without the drag.
-        """
+        """Compute the tensions that press the belt on an arc [deg], radius R [m], (n,) each [N]."""
         if not self.has_torque:
             return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
         torque, magnitude, _ = _turning(columns)
@@ -203,19 +192,15 @@ class RigKind:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
             tension = self.cells[SPANS.index(span)].tension(columns[f"tension_{span}_N"])
-        if not self.running:
-            return tension
-        return pressing_tension(
-            tension, self.mass_per_length_kg_m, np.abs(columns["belt_speed_m_s"])
-        )
+        belt = np.abs(columns["belt_speed_m_s"]) if self.running else 0.0
+        return pressing_tension(tension, self.mass_per_length_kg_m, belt)
 
     def relative_speed(self, columns: Columns, R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
-        speed = columns["pulley_speed_rad_s"]
         if not self.running:
-            return speed
+            return columns["pulley_speed_rad_s"]
         belt = np.abs(columns["belt_speed_m_s"])
-        sliding = running_sliding_speed(np.abs(speed), R, belt)
+        sliding = running_sliding_speed(np.abs(columns["pulley_speed_rad_s"]), R, belt)
         return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 
@@ -228,24 +213,21 @@ def other(span: Span) -> Span:
 
 
 def drag_of(idle: Sequence[Columns]) -> Drag | None:
-    """Compute the bearing drag from runs of the pulley without the belt; None without such runs.
-
-    Each run has columns pulley_speed_rad_s [rad/s] and torque_N_m [N m].
-    """
+    """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
     found, at_rest = [], []
     for columns in idle:
         torque, magnitude, turns = _turning(columns)
-        turns &= np.isfinite(torque)
-        if not turns.any():
+        known = np.isfinite(torque)
+        if not np.any(turns & known):
             continue
-        found.append((float(np.median(magnitude[turns])), float(np.mean(torque[turns]))))
-        still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
-        if still.any():
-            at_rest.append(float(np.mean(torque[still])))
+        turning = float(np.median(magnitude[turns & known])), float(np.mean(torque[turns & known]))
+        found.append(turning)
+        still = torque[known & (magnitude <= TURNS * float(np.nanmax(magnitude)))]
+        at_rest += [float(np.mean(still))] if still.size else []
     if not found:
         return None
     speeds, torques = np.array(sorted(found)).T
-    return Drag(speeds, torques, float(np.mean(at_rest)) if at_rest else 0.0)
+    return Drag(speeds, torques, float(np.mean(at_rest or [0.0])))
 
 
 def _turning(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -262,18 +244,14 @@ def _has_values(columns: Columns, name: str) -> bool:
 
 
 class RunRejected(Exception):
-    """Signals that a run cannot be reduced; the message becomes the status of the run.
-
-    It is caught within the reduction of the run: one bad run must not stop the others.
-    """
+    """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
 
 
 @dataclass(slots=True, kw_only=True)
 class RunReduction:
-    """Result of one run of the friction rig. Values that could not be determined are nan.
+    """Result of one run of the friction rig. What is not known is nan or None.
 
-    The passes of the reduction fill it in: a rejected run keeps the values determined before the
-    reason was found. What is known before is nan or None if not stated.
+    The passes of the reduction fill it in: a rejected run keeps what was found before the reason.
     """
 
     run: str = ""
@@ -329,10 +307,7 @@ class RunReduction:
         return self.status == "ok"
 
     def set_plateau(self, tight: float, slack: float, R: float) -> None:
-        """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
-
-        A friction coefficient or a normal force that the tensions do not give is nan.
-        """
+        """Set tensions [N], mu by Eq. (6), the normal force by Eq. (8); nan where not given."""
         self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
         self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
         is_taut = tight > 0.0 and slack > 0.0

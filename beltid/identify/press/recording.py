@@ -86,9 +86,8 @@ class PressTest:
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
-    `part` holds the columns in time order, (n,) each; nan where missing. Raises
-    :class:`InputError` for too few samples, no travel, no contact, a test that begins in contact,
-    or a clipped load cell.
+    The columns are in time order, (n,), nan where missing. Raises `InputError` for too few samples,
+    no travel, no contact, a test that begins in contact, or a clipped load cell.
     """
     samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples).all(axis=0)
@@ -115,19 +114,20 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
             f"machine compliance {settings.machine_compliance_m_N * 1e3:g} mm/N times the force "
             "exceeds the crosshead travel, must be less"
         )
+    cycles = find_cycles(travel, force)
+    complete = [cycle for cycle in cycles if cycle.complete]
+    kept = (complete or cycles)[CYCLES[settings.cycles]]
+    numbers = ", ".join(str(cycle.number) for cycle in kept)
+    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
+        (not complete, "never unloaded"),
+        (len(cycles) > 1, of_cycles),
     )
-    cycles = find_cycles(travel, force)
-    complete = [cycle for cycle in cycles if cycle.complete]
-    kept = (complete or cycles)[CYCLES[settings.cycles]]
-    numbers = ", ".join(str(cycle.number) for cycle in kept)
-    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
-    changes += (not complete, "never unloaded"), (len(cycles) > 1, of_cycles)
     temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
         label=label,
@@ -149,6 +149,11 @@ def spread(x: Array) -> float:
     return float(np.diff(np.quantile(x, [0.01, 0.99]))[0])
 
 
+def _steady_max(x: Array) -> float:
+    """Return the largest value of a short running median, so that noise does not count."""
+    return float(np.max(running_median(x, 5)))
+
+
 def _start_level(force: Array) -> float:
     """Return the load cell reading at the start of a test."""
     return float(np.median(force[: int(np.clip(force.size // 100, 5, 20))]))
@@ -164,7 +169,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
 
 
 def _require_contact(travel: Array, force: Array, noise: float) -> None:
-    """Raise :class:`InputError` if force or travel do not rise above their noise."""
+    """Raise `InputError` if force or travel do not rise above their noise."""
     rise = float(np.max(force) - np.quantile(force, 0.01))
     if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
@@ -180,10 +185,7 @@ def _require_contact(travel: Array, force: Array, noise: float) -> None:
 
 
 def _require_range(travel: Array, force: Array) -> None:
-    """Raise :class:`InputError` if the force stays at its largest value while the plate moves on.
-
-    In a hold the crosshead stands still; ADC steps and noise explain a little.
-    """
+    """Raise `InputError` if the force stays at its largest value while the plate moves on."""
     limit, level = float(np.max(force)), _start_level(force)
     at_limit = force >= limit
     first = int(np.argmax(at_limit))
@@ -233,8 +235,7 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     """Find the samples where the crosshead reverses, including start and end.
 
-    A return travel above the threshold, in the unit of `travel`, counts as a reversal: it must
-    exceed noise and creep during a hold.
+    A return above the threshold, in the unit of `travel`, counts: more than noise and creep.
     """
     turns: list[int] = []
     low = high = direction = 0
@@ -255,10 +256,7 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
 
 
 def find_cycles(travel: Array, force: Array) -> list[PressCycle]:
-    """Split a test into cycles at the reversals of the crosshead, in time order.
-
-    Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
-    """
+    """Split a test at the reversals, but loadings to less than half of the largest force."""
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
     turns = turning_points(travel, least)
     cycles: list[PressCycle] = []
@@ -307,6 +305,11 @@ class PressCurve:
     def test(self) -> str:
         """Label of the test."""
         return self.recorded.label
+
+    @property
+    def temperature_degC(self) -> float:
+        """Temperature of the test; nan if unknown."""
+        return self.recorded.temperature_degC
 
     @property
     def unloads(self) -> bool:
@@ -413,11 +416,6 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         top_position_m=max(_steady_max(b.position_m) for b in branches),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
     )
-
-
-def _steady_max(x: Array) -> float:
-    """Return the largest value of a short running median, so that noise does not count."""
-    return float(np.max(running_median(x, 5)))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:

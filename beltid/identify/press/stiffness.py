@@ -124,7 +124,7 @@ class _Scaled:
         self.zero = np.array(
             [[c.recorded.zero_u_N_m / top] for c in curves]
         )  # uncertainties (R, 1)
-        warmer = [[c.recorded.temperature_degC - reference_degC] for c in curves]
+        warmer = [[c.temperature_degC - reference_degC] for c in curves]
         self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
         self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
@@ -372,16 +372,13 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
     """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
-
-    def temperature(curve: PressCurve) -> float:
-        return curve.recorded.temperature_degC
-
+    known = [c for c in curves if math.isfinite(c.temperature_degC)]
     groups: list[list[PressCurve]] = []
-    for curve in sorted((c for c in curves if math.isfinite(temperature(c))), key=temperature):
-        if not groups or temperature(curve) - temperature(groups[-1][0]) >= SAME_TEMPERATURE_K:
+    for c in sorted(known, key=lambda c: c.temperature_degC):
+        if not groups or c.temperature_degC - groups[-1][0].temperature_degC >= SAME_TEMPERATURE_K:
             groups.append([])
-        groups[-1].append(curve)
-    return {round(float(np.mean([temperature(c) for c in g])), 1): g for g in groups}
+        groups[-1].append(c)
+    return {round(float(np.mean([c.temperature_degC for c in g])), 1): g for g in groups}
 
 
 def _temperature_effect(

@@ -104,10 +104,7 @@ class Curve:
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
     def weights(self, force: Array) -> Array:
-        """Return the weights of the points in the unbounded spline at forces [N/m], (n, m).
-
-        Beyond the points, they are those of the nearest one.
-        """
+        """Return the weights of the points in the unbounded spline, held beyond its ends (n, m)."""
         if self.f.size == 1:
             return np.ones((force.size, 1))
         spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
@@ -130,9 +127,9 @@ Range = tuple[float, float]  # first and last force that some arc covers at ever
 
 
 def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
-    """Group points into curves at the common speed of their setting; None if they are no grid.
+    """Group points into curves at the common speed of their setting, their range, and notes.
 
-    Returns the curves, their common range, and notes on runs that were averaged.
+    None if they are no grid.
     """
     at_speed, at_arc = settings_of(points.v, SPEED_GAP), points.arc_label
     n_speeds, n_arcs = int(at_speed.max()) + 1, int(at_arc.max()) + 1
@@ -404,10 +401,7 @@ def build_surface(
 
 
 def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, list[str]]:
-    """Return the averaged surface through points, with notes: of a grid, or of scattered runs.
-
-    Raises `InputError` if there are too few points.
-    """
+    """Return the averaged surface of a grid or of scattered runs, with notes, or `InputError`."""
     curves = grid_of(points)
     if curves is None:
         grid, note = scattered_grid(points)
@@ -472,10 +466,7 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 
 
 def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
-    """Estimate the surface from all runs together; return it with a note.
-
-    Raises `InputError` if there are too few runs, or they have one force only.
-    """
+    """Estimate the surface from all runs together; `InputError` if too few or of one force."""
     n = points.f.size
     if n < FEWEST_RUNS or points.f.max() < (1.0 + EDGE) * points.f.min():
         raise InputError(
