@@ -31,13 +31,10 @@ def section_force(
 
 @kernel
 def add_belt(mesh: Mesh, belt: Belt, motion: Motion, s: State) -> None:
-    """Add the internal forces of the belt, their tangent and their derivative in the stretch.
-
-    The flux of momentum of a belt that flows through its shape lowers its axial force.
-    """
+    """Add the internal forces of the belt, their tangent and their derivative in the stretch."""
     q, stretch, old, r, r_s = s.q, s.u[0], s.strains_old, s.r, s.columns[0]
     tau = belt.damping_time * motion.rate  # time in units of the step
-    momentum = belt.rhoA * motion.v0**2
+    momentum = belt.rhoA * motion.v0**2  # its flux lowers the axial force of a flowing belt
     # strain and strain increment grow together within a step: the law at 1 for both is its slope
     EA = (section_force(belt.EA, 1.0, 1.0, tau) - momentum) / stretch
     EI = section_force(belt.EI, 1.0, 1.0, tau) / stretch

@@ -58,12 +58,9 @@ class Pulley(NamedTuple):
 
 @kernel
 def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float]:
-    """Return the line force of a point and its slope over the penetration, Eqs. (1) and (3).
-
-    A point stands for a ``part`` [m] of the belt, of which only some touches at the ends of the
-    contact. So the penetration grows from zero smoothly, as its mean over the part does, and no
-    stiffness jumps. ``gap`` is g_N [m], negative in contact.
-    """
+    """Return the line force of a point and its slope over the penetration, Eqs. (1) and (3)."""
+    # at the ends of the contact only some of the part touches: the penetration grows from zero as
+    # its mean over the part does, so no stiffness jumps
     delta, half = -gap, 0.5 * pulley.edge * part
     grows = 1.0
     if delta < half:
@@ -106,11 +103,7 @@ def revise_status(point: Any, trial: float, limit: float, slip: float) -> bool:
 
 @kernel
 def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, revise: bool) -> int:
-    """Add the forces of the pulley, their tangent and their derivatives in stretch and speed.
-
-    Where ``revise``, points that break Eq. (11) change their status; their number is returned. In
-    statics every touching point slides.
-    """
+    """Add forces, tangent, columns; return how many points broke Eq. (11) and were revised."""
     R, rate, q, stretch, changes = pulley.R, motion.rate, s.q, s.u[0], 0
     r, r_s, r_omega = s.r, s.columns[0], s.columns[1]
     flows, moves = motion.v0 > 0.0, rate > 0.0

@@ -31,11 +31,8 @@ def lemke(M: Array, q: Array) -> Array:
 
     R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, 2009, Algorithm
     4.4.5: an artificial variable makes w >= 0; complementary bases are followed until it leaves.
-    The lexicographic ratio test makes every pivot unique, so that degenerate problems do not cycle.
-    For copositive-plus M, as of friction with a positive semi-definite G, a solution is found
-    whenever there is one.
-
-    A ConvergenceError says that the method ended on a ray: there is no solution.
+    The lexicographic ratio test makes every pivot unique: degenerate problems do not cycle. For
+    copositive-plus M, as of friction, a ConvergenceError says that there is no solution.
     """
     n = q.size
     if np.all(q >= 0.0):
@@ -43,8 +40,7 @@ def lemke(M: Array, q: Array) -> Array:
     # rows of  w - M z - z_0 = q;  the columns of w carry the inverse of the basis
     tableau = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
     basis, artificial = np.arange(n), 2 * n
-    rows, entering = np.arange(n), artificial
-    row = _lexicographic_minimum(tableau, rows, np.ones(n), basis, -1)
+    row, entering = _leaving_row(tableau, np.ones(n), basis, -1), artificial
     for _ in range(50 * (n + 1)):
         leaving = int(basis[row])
         tableau[row] /= tableau[row, entering]
@@ -57,35 +53,27 @@ def lemke(M: Array, q: Array) -> Array:
             z[basis[within] - n] = np.maximum(tableau[within, -1], 0.0)
             return z
         entering = leaving + n if leaving < n else leaving - n
-        column = tableau[:, entering]
-        rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
-        if rows.size == 0:
+        row = _leaving_row(tableau, tableau[:, entering], basis, artificial)
+        if row < 0:
             break
-        row = _lexicographic_minimum(tableau, rows, column[rows], basis, artificial)
     raise ConvergenceError(
         f"complementarity problem of {n} unknowns: no solution, the method ended on a ray"
     )
 
 
-def _lexicographic_minimum(
-    tableau: Array,
-    rows: NDArray[np.intp],
-    divisors: Array,
-    basis: NDArray[np.intp],
-    artificial: int,
-) -> int:
-    """Return the row of the least (right-hand side, basis inverse)/divisor; artificial first."""
+def _leaving_row(tableau: Array, column: Array, basis: NDArray[np.intp], artificial: int) -> int:
+    """Return the row of the least (right-hand side, basis inverse)/column, or -1."""
+    rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
     for k in range(-1, basis.size):
-        values = tableau[rows, k] / divisors
+        if rows.size <= 1:
+            break
+        values = tableau[rows, k] / column[rows]
         smallest = values.min()
-        keep = values <= smallest + 1e-12 * max(1.0, abs(smallest))
-        rows, divisors = rows[keep], divisors[keep]
+        rows = rows[values <= smallest + 1e-12 * max(1.0, abs(smallest))]
         leaves = rows[basis[rows] == artificial]
         if k == -1 and leaves.size:
             return int(leaves[0])
-        if rows.size == 1:
-            break
-    return int(rows[0])
+    return int(rows[0]) if rows.size else -1
 
 
 def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array]:
@@ -95,9 +83,8 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
     upper bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
 
-    G (n, n) is the Delassus matrix [m/N], positive semi-definite; ``slip_free`` (n,) are the slips
-    without friction forces [m], ``limits`` (n,) the limits mu F_N [N], >= 0. Returned are friction
-    forces [N] and slips [m], exactly zero where a point sticks.
+    The limits mu F_N [N] are >= 0. Returned are friction forces [N] and slips [m], exactly zero
+    where a point sticks.
     """
     n = limits.size
     # forces over the largest limit, slips over the largest free slip

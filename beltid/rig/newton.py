@@ -218,16 +218,12 @@ def equilibrium(
     return -1, error / max(1e-30, math.hypot(s.force[0], s.force[1]))
 
 
-Solver = Callable[[System, Motion, Border, State, int], tuple[int, float]]
-"""Solves one step as :func:`equilibrium` does."""
-
-
 def march(
     system: System,
     border: Border,
     s: State,
     record: NDArray[np.void],
-    solver: Solver = equilibrium,
+    solver: Callable[..., tuple[int, float]] = equilibrium,
 ) -> int:
     """Take the steps of a record from ``s.q``, ``s.q_dot``, ``s.last``; return how many succeeded.
 
