@@ -25,8 +25,8 @@ from beltid.drive.results import DriveResult, adhesion_arc
 from beltid.drive.string import Level, seat, sliding_arc
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.capstan import Spans
-from beltid.rig.contact import friction
 from beltid.rig.flow import FlowPulley, FlowState, flow
+from beltid.rig.forces import friction
 from beltid.rig.mesh import bending_length
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from beltid.laws import penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.banded import kernel
-from beltid.rig.contact import elastic_force, elastic_stiffness, friction
+from beltid.rig.forces import elastic_force, elastic_stiffness, friction
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
-from beltid.rig.contact import CONE_TOLERANCE
+from beltid.rig.forces import CONE_TOLERANCE, Motion, State
 from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, held_forces, hold
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
@@ -127,13 +126,13 @@ def step_by_lemke(
         # the step without new friction, the responses to its forces, and a movement of the ends
         W = _directions(system, s, at)
         x = np.vstack([-s.r, W.T, -s.columns[1]])
-        for load in x:
+        at_supports, moved = np.zeros((len(x), 4)), np.zeros(len(x) - 1)
+        for load, out in zip(x, at_supports, strict=True):
             solve(s.A, s.pivots, load, np.zeros(load.size), np.zeros(load.size))
-        moved = np.zeros(len(x) - 1)
+            held_forces(s, load, out)
         if by.any():  # the ends move until the force is the given one
-            forces = np.array([_by_supports(s, by, response) for response in x])
-            moved = -forces[:-1] / (by @ s.kept[1] + forces[-1])
-            moved[0] += missing / (by @ s.kept[1] + forces[-1])
+            missing_to, forces = np.append(missing, np.zeros(len(W.T))), at_supports @ by
+            moved = (missing_to - forces[:-1]) / (by @ s.kept[1] + forces[-1])
             x[-1, [0, 1, -4, -3]] += border.moves
         free, *responses = x[:-1] + np.outer(moved, x[-1])
         compliance = np.reshape(responses, W.T.shape).T
@@ -148,13 +147,6 @@ def step_by_lemke(
         now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
     last[:] = before
     return -1, error
-
-
-def _by_supports(s: State, by: Array, x: Array) -> float:
-    """Return the change of a given force with the coordinates ``x`` (n,)."""
-    out = np.zeros(4)
-    held_forces(s, x, out)
-    return float(by @ out)
 
 
 def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:

@@ -25,10 +25,8 @@ from numpy.typing import NDArray
 
 from beltid.params import Belt
 from beltid.rig.banded import HALF, factorize, kernel, solve
-from beltid.rig.belt import add_belt, add_inertia
-from beltid.rig.contact import Pulley, add_contact
+from beltid.rig.forces import Motion, Pulley, State, add_belt, add_contact, add_inertia
 from beltid.rig.mesh import Mesh
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 

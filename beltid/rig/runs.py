@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
 from beltid.params import OperatingPoint
+from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import STEP, equilibrium, march
-from beltid.rig.state import State
 from beltid.rig.steady import describe, lay_on, slide
 
 Array = NDArray[np.float64]

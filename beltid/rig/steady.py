@@ -17,9 +17,9 @@ from scipy.linalg import LinAlgError, solve_banded
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rig.banded import HALF
+from beltid.rig.forces import Motion, State
 from beltid.rig.model import LARGEST_STRAIN, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 

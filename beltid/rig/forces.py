@@ -1,4 +1,9 @@
-"""Contact of belt and pulley, point by point: Eqs. (1) to (4) and (11).
+"""What belt and pulley do at a state of the rig: Eqs. (1) to (4) and (9) to (11).
+
+The belt consists of planar ANCF cable elements. Coordinates are ordered node by node: position r
+and gradient r' = dr/ds over the path coordinate s. A section has the axial strain ``eps =
+|r'|/stretch - 1`` and the curvature ``kappa = (r' x r'') / (|r'|**2 stretch)`` per stress-free
+length, which is ``stretch`` times the path coordinate.
 
 A contact point stands for a part of the belt. Its normal force follows from its penetration; its
 tangential force lies in Coulomb's cone. In a time step, a stick is an elastic spring, stiff against
@@ -14,16 +19,18 @@ goes to zero.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.laws import bicubic, capstan, penalty
 from beltid.laws.bicubic import SurfaceTables
-from beltid.rig.banded import HALF, kernel
+from beltid.params import Belt
+from beltid.rig.banded import HALF, WIDTH, kernel
 from beltid.rig.mesh import Mesh
-from beltid.rig.state import Motion, State
+
+Array = NDArray[np.float64]
 
 SLIP_TOLERANCE = 1.0e-13  # backward slip of a sliding point in one step [m]
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
@@ -54,6 +61,170 @@ class Pulley(NamedTuple):
     memory: float
     edge: float
     surface: SurfaceTables
+
+
+POINT: Final = np.dtype(
+    [
+        ("theta", float),  # angle from the top [rad]
+        ("rho", float),  # distance from the pulley's centre [m]
+        ("f_N", float),  # elastic line force [N/m]
+        ("F_N", float),  # normal force [N]
+        ("F_T", float),  # friction force [N], > 0 where the pulley is the faster one
+        ("limit", float),  # largest friction force [N]
+        ("slip", float),  # of the pulley over the belt in the step [m]; of a flowing belt g [m/s]
+        ("speed", float),  # sliding speed at which mu was looked up [m/s]
+        ("sign", float),  # sense of sliding; of a flowing belt the share of friction, linearised
+        ("sticks", np.bool_),
+    ]
+)
+"""A contact point; ``sticks`` and ``sign`` are its status."""
+
+Points = NDArray[np.void]
+"""Contact points, a structured array of :data:`POINT` of shape (n_e, n_c)."""
+
+
+class Motion(NamedTuple):
+    """One step: ``rate`` is 1/dt [1/s], 0 in statics; ``share`` of the friction acts.
+
+    ``v0`` [m/s] is the stress-free length that passes a point per second if the belt flows through
+    its shape, else 0; ``scale`` [m/s] then is the sliding speed at which friction is nearly whole.
+    """
+
+    rate: float
+    omega: float
+    share: float = 1.0
+    v0: float = 0.0
+    scale: float = 0.0
+
+
+class State(NamedTuple):
+    """Coordinates, contact and linearised system of one rig of n coordinates."""
+
+    q: Array  # nodal coordinates (n,)
+    q_old: Array  # at the last step
+    q_dot: Array  # their rates
+    dq: Array  # deviation from uniform motion
+    r: Array  # residual (n,)
+    u: Array  # stretch, and the other unknown of the borders or its given value (2,)
+    force: Array  # of the supports A (tight side) and B on the belt, x and y each [N], (4,)
+    last: Points  # at the last step
+    now: Points
+    strains: Array  # axial strain and curvature (n_e, n_g, 2)
+    strains_old: Array
+    A: Array  # tangent (n, WIDTH)
+    pivots: NDArray[np.int64]
+    columns: Array  # derivatives of the residual in the unknowns (2, n)
+    rows: Array  # of the tangent, of the held coordinates (4, WIDTH)
+    kept: Array  # derivatives of the support forces in the unknowns (2, 4)
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> State:
+        """Allocate a state: without stretch, all points slide towards B."""
+        n, points = 4 * mesh.h.size + 4, np.zeros((2, *mesh.w_c.shape), dtype=POINT)
+        points["sign"] = 1.0
+        (q, q_old, q_dot, dq, r), u = np.zeros((5, n)), np.array([1.0, 0.0])
+        (last, now), (strains, old) = points, np.zeros((2, *mesh.w_g.shape, 2))
+        A, pivots, columns = np.zeros((n, WIDTH)), np.zeros(n, dtype=np.int64), np.zeros((2, n))
+        of_points, of_system = (last, now, strains, old), (A, pivots, columns)
+        held = np.zeros((4, WIDTH)), np.zeros((2, 4))
+        return cls(q, q_old, q_dot, dq, r, u, np.zeros(4), *of_points, *of_system, *held)
+
+    @property
+    def T_A(self) -> float:
+        """Magnitude of the force of support A, the tight side [N]."""
+        return math.hypot(self.force[0], self.force[1])
+
+    @property
+    def T_B(self) -> float:
+        """Magnitude of the force of support B, the slack side [N]."""
+        return math.hypot(self.force[2], self.force[3])
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Which points touch, shape (n_e, n_c)."""
+        return np.asarray(self.now["F_N"] > 0.0)
+
+
+@kernel
+def section_force(
+    stiffness: float, strain: float, strain_rate: float, damping_time: float
+) -> float:
+    """Integrate ``sigma = E eps + c d(eps)/dt`` over the section: axial force or moment, Eq. (9).
+
+    EA [N] goes with the strain [-], EI [N m²] with the curvature [1/m]; the damping time is c/E
+    [s]. The rate may be per time step if this is in time steps, too.
+    """
+    return stiffness * (strain + damping_time * strain_rate)
+
+
+@kernel
+def add_belt(mesh: Mesh, belt: Belt, motion: Motion, s: State) -> None:
+    """Add the internal forces of the belt, their tangent and their derivative in the stretch."""
+    q, stretch, old, r, r_s = s.q, s.u[0], s.strains_old, s.r, s.columns[0]
+    tau = belt.damping_time * motion.rate  # time in units of the step
+    momentum = belt.rhoA * motion.v0**2  # its flux lowers the axial force of a flowing belt
+    # strain and strain increment grow together within a step: the law at 1 for both is its slope
+    EA = (section_force(belt.EA, 1.0, 1.0, tau) - momentum) / stretch
+    EI = section_force(belt.EI, 1.0, 1.0, tau) / stretch
+    a, e, k = np.zeros(2), np.zeros(4), np.zeros(4)
+    H, G = np.zeros((4, 4)), np.zeros((4, 8))
+    for el in range(mesh.h.size):
+        for g in range(mesh.w_g.shape[1]):
+            D, DD = mesh.D[el, g], mesh.DD[el, g]
+            ax = ay = bx = by = 0.0  # r' and r''
+            for j in range(4):
+                x, y = q[4 * el + 2 * j], q[4 * el + 2 * j + 1]
+                ax, ay, bx, by = ax + D[j] * x, ay + D[j] * y, bx + DD[j] * x, by + DD[j] * y
+            p2 = ax * ax + ay * ay
+            p = math.sqrt(p2)
+            curl = (ax * by - ay * bx) / p2
+            eps, kappa = p / stretch - 1.0, curl / stretch
+            s.strains[el, g, 0], s.strains[el, g, 1] = eps, kappa
+            N = section_force(belt.EA, eps, eps - old[el, g, 0], tau)
+            N -= momentum * (1.0 + eps)
+            M = section_force(belt.EI, kappa, kappa - old[el, g, 1], tau)
+            # gradients of |r'| and of (r' x r'')/|r'|**2 in (r', r'')
+            a[0], a[1], e[0], e[1] = ax, ay, ax / p, ay / p
+            k[0], k[1] = (by - 2 * curl * ax) / p2, (-bx - 2 * curl * ay) / p2
+            k[2], k[3] = -ay / p2, ax / p2
+            for i in range(4):  # material part of the tangent, then the geometric one
+                for j in range(4):
+                    H[i, j] = EA * e[i] * e[j] + EI * k[i] * k[j]
+            for i in range(2):
+                for j in range(2):
+                    unit = 1.0 if i == j else 0.0
+                    H[i, j] += N / p * (unit - e[i] * e[j])
+                    H[i, j] -= 2 * M / p2 * (curl * unit + a[i] * k[j] + k[i] * a[j])
+                    mixed = M / p2 * (j - i - 2 * a[i] * k[2 + j])
+                    H[i, 2 + j] += mixed
+                    H[2 + j, i] += mixed
+            for i in range(4):  # from (r', r'') to the coordinates of the element
+                for m in range(4):
+                    G[i, 2 * m] = H[i, 0] * D[m] + H[i, 2] * DD[m]
+                    G[i, 2 * m + 1] = H[i, 1] * D[m] + H[i, 3] * DD[m]
+            for j in range(4):
+                d, dd = mesh.w_g[el, g] * D[j], mesh.w_g[el, g] * DD[j]
+                for i in range(2):
+                    row = 4 * el + 2 * j + i
+                    by_kappa = d * k[i] + dd * k[2 + i]
+                    r[row] += N * d * e[i] + M * by_kappa
+                    r_s[row] -= (EA * p * d * e[i] + EI * curl * by_kappa) / stretch
+                    at = HALF - 2 * j - i
+                    for c in range(8):
+                        s.A[row, at + c] += d * G[i, c] + dd * G[2 + i, c]
+
+
+@kernel
+def add_inertia(mesh: Mesh, belt: Belt, s: State, rate: float) -> None:
+    """Add ``M dq / dt**2``, Eq. (10), for the deviation ``s.dq`` from uniform motion [m]."""
+    for el in range(mesh.h.size):
+        for j in range(4):
+            for m in range(4):
+                mass = s.u[0] * belt.rhoA * mesh.M[el, j, m] * rate * rate
+                for x in range(2):
+                    row = 4 * el + 2 * j + x
+                    s.A[row, HALF + 2 * (m - j)] += mass
+                    s.r[row] += mass * s.dq[4 * el + 2 * m + x]
 
 
 @kernel
