@@ -54,10 +54,7 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
 def _largest(
     simulator: Simulator, point: DrivePoint, with_slip: bool, state: LoopState, factor: float
 ) -> tuple[float, LoopState]:
-    """Find the largest factor at which every pulley keeps room for what its forces need.
-
-    It is sought from a state at a smaller factor, 0: not known; that state is returned, too.
-    """
+    """Find the largest factor with room on every pulley, from a state below it, and that state."""
     for begun in range(MOST_ROUNDS):
         for share in BELOW if begun else ():
             with suppress(ConvergenceError):
@@ -117,9 +114,7 @@ def installed_belts(
 ) -> dict[str, DriveResult]:
     """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
 
-    It states together what a belt is made with, how it grows with temperature and wears; its
-    tensioner turns until it meets a stop. The drive states the length of the belt, or a tension
-    that determines it. An InputError says that a belt is too long or too short for the pulleys.
+    An InputError says that a belt is too long or too short for the pulleys.
     """
     mean = Simulator(drive, method).solve(point).rest.belt_length
     lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}

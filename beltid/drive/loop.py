@@ -97,14 +97,6 @@ def rest_state(level: Level, T_0: float) -> RestState:
         spring = moment(angle, 0.0)
         return -spring / (moment(angle, 1.0) - spring)
 
-    if not by_length and math.isnan(T_0):
-        tension = balance(mean)
-        if not 0.0 < tension < drive.belt.EA:
-            raise InputError(
-                f"tensioner: no equilibrium in its mean position ({math.degrees(mean):.4g} deg): "
-                f"its spring asks for a belt tension of {tension:.4g} N"
-            )
-        return laid_at(tension, mean)
     low, high = arm.stops
     if by_length:
         found = [
@@ -118,16 +110,21 @@ def rest_state(level: Level, T_0: float) -> RestState:
         if stops:
             nearest = min(stops, key=lambda stop: abs(stop - (angles or [mean])[0]))
             return replace(tightened(nearest), at_stop=True)
+    elif math.isnan(T_0):
+        if 0.0 < balance(mean) < drive.belt.EA:
+            return laid_at(balance(mean), mean)
     else:  # where the arm, let go in its mean position, comes to rest
         step = math.copysign(ARM_STEP, moment(mean, T_0))
         angle = _walked(lambda angle: moment(angle, T_0), mean, step)
         if angle is not None and low <= angle <= high:
             return laid_at(T_0, angle)
-    what = f"of {drive.belt_length:g} m" if by_length else f"with a tension of {T_0:g} N at rest"
+    what = "" if math.isnan(T_0) else f" with a tension of {T_0:g} N at rest"
+    if by_length:
+        what = f" with a belt of {drive.belt_length:g} m"
     raise InputError(
-        f"tensioner: no equilibrium with a belt {what}; in its mean position, "
-        f"{math.degrees(mean):.4g} deg, the tension is {balance(mean):.4g} N, the length "
-        f"{laid_at(balance(mean), mean).belt_length:.5g} m"
+        f"tensioner: no equilibrium{what}; in its mean position, "
+        f"{math.degrees(mean):.4g} deg, its spring asks for a tension of {balance(mean):.4g} N, "
+        f"with a length of {laid_at(balance(mean), mean).belt_length:.5g} m"
     )
 
 
@@ -165,11 +162,7 @@ class LoopState:
 
 
 class Loop:
-    """Equations of an operating point; forces are scaled by T_0, the flow by the driver.
-
-    They hold for negative forces, too, with the friction of a belt that is nearly slack, so that a
-    solution is found and its status told from it. ``held`` is the angle of an arm at its stop.
-    """
+    """Equations of an operating point, also for negative forces; ``held``: angle of a fixed arm."""
 
     def __init__(self, point: DrivePoint, rest: RestState, held: float | None) -> None:
         self.level, self.rest, self.held = rest.level, rest, held
@@ -220,10 +213,7 @@ class Loop:
         return r
 
     def start(self, near: LoopState | None) -> Array:
-        """Return the unknowns of a similar state, or of a belt that neither stretches nor seats.
-
-        The forces of the latter change by steps of M/R about the mean T_0.
-        """
+        """Return the unknowns of a similar state, or steps of M/R about the mean force T_0."""
         if near is not None:
             P, flow, angle = near.P / self.rest.T_0, near.v0 / self.flow, near.arm_angle
         else:
@@ -240,9 +230,8 @@ class Loop:
 def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None) -> LoopState:
     """Find the steady state of an operating point.
 
-    Of the point only the magnitude of its speed is used: the belt runs in the order of the pulleys.
-    The iteration starts from the state of a similar drive, if there is one ``near``. Without a
-    steady state a ConvergenceError is raised.
+    The belt runs in the order of the pulleys, whatever the sign of the speed. The iteration starts
+    from the state of a similar drive ``near``. A ConvergenceError says that there is none.
     """
     if near is not None and (near.slack or near.v0 <= 0.0):
         near = None

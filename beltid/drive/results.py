@@ -144,10 +144,7 @@ class DriveResult:
         return self.state.rods or (None,) * self.state.P.size
 
     def _shares(self) -> dict[str, Array]:
-        """Return where the friction of the pulleys acts; nan if slack.
-
-        There is more than one steady state only if friction falls with the speed.
-        """
+        """Return where the friction of the pulleys acts, and with how many steady states."""
         state, level = self.state, self.state.level
         rows, states = np.full((state.P.size, 5), np.nan), np.zeros(state.P.size, dtype=np.int64)
         for i, rod in enumerate(() if state.slack else self._rods):

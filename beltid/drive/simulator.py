@@ -25,8 +25,8 @@ from beltid.drive.results import DriveResult, adhesion_arc
 from beltid.drive.string import Level, seat, sliding_arc
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.capstan import Spans
-from beltid.rig.contact import friction
 from beltid.rig.flow import FlowPulley, FlowState, flow
+from beltid.rig.forces import friction
 from beltid.rig.mesh import bending_length
 
 Array = NDArray[np.float64]
@@ -120,11 +120,7 @@ class Simulator:
         return DriveResult(point, rest, state, idle)
 
     def _with_rods(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
-        """Find the steady state of an operating point, from that of a similar drive if it is known.
-
-        A ConvergenceError says that the loop or a rod has no steady state, or that their forces do
-        not converge.
-        """
+        """Find the steady state with rods, from that of a similar drive if it is known."""
         like = self._last.get((rest.T_0, point.omega)) if near is None else near
         state = None
         if like is not None and like.rods:
@@ -205,10 +201,7 @@ class Simulator:
         return float((own - without) / (self.drive.belt.EI / rod.tension) ** 1.5)
 
     def _bent_arc(self, i: int, rest: RestState, rod: FlowState) -> float:
-        """Return the arc of a string that holds what a belt bent over a rigid pulley does [rad].
-
-        It leaves the pulley at an angle psi to its force, (T15), with a concentrated friction.
-        """
+        """Return the arc of a string that holds what a bent belt does, (T15) [rad]."""
         pulley, EI = self._pulley(i, rest), self.drive.belt.EI
         mu = friction(pulley.surface, rod.s.T_A / pulley.R, SLIDING * rod.v0)[0]
         P = np.sort([rod.s.T_A, rod.s.T_B])[::-1]

@@ -23,7 +23,7 @@ from beltid.laws import penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.banded import kernel
-from beltid.rig.contact import elastic_force, elastic_stiffness, friction
+from beltid.rig.forces import elastic_force, elastic_stiffness, friction
 
 Array = NDArray[np.float64]
 
@@ -68,10 +68,7 @@ class Arcs(NamedTuple):
 
 @kernel
 def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
-    """Return stretch 1 + eps [-], (D1), and radius R - delta [m], (D2), under an effective force.
-
-    The penetration solves f(delta) (R - delta) = P (1 + eps).
-    """
+    """Return stretch 1 + eps, (D1), and radius R - delta with f (R - delta) = P (1 + eps), (D2)."""
     stretch = (s.EA + P) / (s.EA - s.m * v0 * v0)
     delta = 2.0 * P * stretch / s.R
     delta /= s.k_linear + math.sqrt(s.k_linear * s.k_linear + 2.0 * s.k_quadratic * delta)
@@ -87,10 +84,7 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
 
 @kernel
 def contact(P: float, entry: float, v0: float, x: float, s: Section) -> tuple[float, float, float]:
-    """Return line force [N/m] and sliding speed [m/s], (D3), and length per angle [m] at P.
-
-    The belt's angular rate at the entry is ``entry`` times v0 [1/m]; there it slides with x.
-    """
+    """Return line force, sliding speed (D3) and length per angle at P; ``entry``: rate/v0 there."""
     stretch, radius = seat(P, v0, s)
     f, v = P * stretch / radius, x + s.R * v0 * abs(entry - stretch / radius)
     return f, v, radius / stretch
@@ -98,10 +92,7 @@ def contact(P: float, entry: float, v0: float, x: float, s: Section) -> tuple[fl
 
 @kernel
 def sliding_arc(P_in: float, P_out: float, v0: float, x: float, s: Section) -> tuple[float, float]:
-    """Integrate angle [rad], (D4), and stress-free length [m] of an arc from P_in to P_out.
-
-    The effective forces are > 0 [N]; the belt slides with x at the entry [m/s].
-    """
+    """Integrate angle (D4) and stress-free length of an arc that slides with x at the entry."""
     fall = math.log(P_out / P_in)
     angle, length = 0.0, 0.0
     if fall == 0.0:
@@ -121,10 +112,7 @@ def sliding_arc(P_in: float, P_out: float, v0: float, x: float, s: Section) -> t
 
 @kernel
 def full_slip(P_in: float, P_out: float, v0: float, room: float, s: Section) -> float:
-    """Find the smallest sliding speed at the entry [m/s] at which the arc equals the room, (D5).
-
-    It is nan if there is none within the measured speeds.
-    """
+    """Find the smallest sliding speed at the entry with an arc as long as the room (D5), or nan."""
     low, high, at_low = 0.0, 0.0, sliding_arc(P_in, P_out, v0, 0.0, s)[0] - room
     at_high = at_low
     for k in range(s.speeds.size):
@@ -224,11 +212,7 @@ class Level:
         )
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15).
-
-        A belt that resists bending leaves the circle early and enters a span that runs further out
-        than the tangent of the circle, the more so the looser the span.
-        """
+        """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15)."""
         ends = np.broadcast_to(self.ends, P.shape)
         at_ends = (ends + following(ends)) * (self.EI / P) ** 1.5
         # both ends of the span move outwards, each to its side; the span tilts by the sum
@@ -237,10 +221,7 @@ class Level:
         return self.length + float(np.sum(at_ends - tilts))
 
     def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
-        """Return line force [N/m], sliding speed [m/s] and mu on pulley i at forces P (n,) [N].
-
-        ``P[0]`` is the force at the entry, where the belt slides with x [m/s].
-        """
+        """Return line force, sliding speed and mu on pulley i at forces P (n,) from the entry."""
         s = self.sections[i]
         stretch, radius = seat(float(P[0]), v0, s)
         rows = [contact(force, stretch / radius, v0, x, s)[:2] for force in P.tolist()]
@@ -255,10 +236,7 @@ class Level:
     def outside(
         self, i: int, P_in: float, P_out: float, v0: float, x: float
     ) -> tuple[float, float]:
-        """Return shares of the friction of pulley i below the measured speeds, outside the forces.
-
-        Both change monotonically along the arc.
-        """
+        """Return the shares of friction below the measured speeds, outside the measured forces."""
         if P_in == P_out or not self.drive.pulleys[i].ribs:
             return 0.0, 0.0
         validity = self.drive.surface.validity
@@ -282,10 +260,7 @@ class Level:
 
 
 def _slip_speeds(surface: FrictionSurface) -> Array:
-    """Return the sliding speeds of the search for full slip [m/s], none without a dependence.
-
-    Without friction that falls with the speed there is one such speed at most, up to the fastest.
-    """
+    """Return the speeds of the search for full slip: one if no friction falls with the speed."""
     fastest = surface.validity["slip_speed_m_s"][1]
     if surface.slip_speed_m_s.size == 1:
         return np.zeros(0)

@@ -132,13 +132,9 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
 def _limited(
     x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array
 ) -> tuple[Array, Array, Array]:
-    """Scale nodal derivatives until every Bézier control point is in the band of its cell.
-
-    The control points of a node in one of its four cells are ``z``, ``z + p``, ``z + q`` and
-    ``z + p + q + r`` with ``p = dx z_x``, ``q = dy z_y``, ``r = dx dy z_xy`` and a third of the
-    signed widths of the cell, dx and dy. First p and q are clipped to the band, then r; where no r
-    is possible, p and q shrink together.
-    """
+    """Scale nodal derivatives until every Bézier control point is in the band of its cell."""
+    # the control points of a node in one of its four cells are z, z + p, z + q and z + p + q + r
+    # with p = dx z_x, q = dy z_y, r = dx dy z_xy; dx and dy are a third of its signed widths
     corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
     floor = np.pad(corners.min(axis=0), 1, constant_values=-np.inf)
     ceiling = np.pad(corners.max(axis=0), 1, constant_values=np.inf)

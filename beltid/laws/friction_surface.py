@@ -64,10 +64,7 @@ class FrictionSurface:
         Names of the first columns of the factor, which are errors common to all nodes. The other
         columns are scatter.
 
-    Raises
-    ------
-    InputError
-        If the arguments are invalid; the error lists all problems.
+    An InputError lists all that is wrong with the arguments.
 
     Examples
     --------
@@ -363,13 +360,7 @@ def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Arr
     """Broadcast forces and speeds to a common shape."""
     f = _to_array("normal_force_N_m", normal_force_N_m)
     v = _to_array("slip_speed_m_s", slip_speed_m_s)
-    try:
-        f, v = np.broadcast_arrays(f, v)
-    except ValueError:
-        raise InputError(
-            f"normal_force_N_m and slip_speed_m_s: shapes {f.shape} and {v.shape} do not go "
-            "together, must be equal or broadcast"
-        ) from None
+    f, v = np.broadcast_arrays(f, v)
     return f, v
 
 

@@ -42,12 +42,7 @@ class NormalLaw:
     k_linear_N_m2 : float
         Coefficient of the penetration [N/m²], >= 0.
     k_quadratic_N_m3 : float
-        Coefficient of the squared penetration [N/m³], >= 0; not both zero.
-
-    Raises
-    ------
-    InputError
-        If a coefficient is negative or not finite, or both are zero.
+        Coefficient of the squared penetration [N/m³], >= 0; not both zero, else an InputError.
     """
 
     k_linear_N_m2: float
@@ -78,12 +73,9 @@ class NormalLaw:
         return np.where(delta > 0.0, slope, 0.0)
 
     def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
-        """Compute the penetration [m] under a line force [N/m] >= 0, the inverse of :meth:`force`.
+        """Compute the penetration [m] under a line force [N/m], the inverse of :meth:`force`.
 
-        Raises
-        ------
-        InputError
-            If a force is negative.
+        A negative force raises an InputError.
         """
         f = np.asarray(force_N_m, dtype=float)
         if np.any(f < 0):

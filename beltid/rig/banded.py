@@ -29,10 +29,7 @@ def kernel(function: Any) -> Any:
 
 @kernel
 def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
-    """Factorize A (n, WIDTH) in place into L and U, row exchanges into ``pivots`` (n,).
-
-    False says that a pivot vanished: the matrix is singular to working precision.
-    """
+    """Factorize A (n, WIDTH) in place, row exchanges into ``pivots`` (n,); False: singular."""
     n = A.shape[0]
     right = 0  # last column reached by the rows exchanged so far
     for k in range(n):
@@ -72,10 +69,7 @@ def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
 
 @kernel
 def solve(A: Array, pivots: NDArray[np.int64], a: Array, b: Array, c: Array) -> None:
-    """Solve with the factors of :func:`factorize`; three loads (n,) become their solutions.
-
-    Three take hardly longer than one, which waits for its own sums.
-    """
+    """Solve with the factors; three loads (n,), hardly slower than one, become their solutions."""
     n = A.shape[0]
     for k in range(n):
         p = pivots[k]

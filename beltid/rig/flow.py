@@ -22,9 +22,9 @@ from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.rig.forces import Motion, Points, State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
-from beltid.rig.state import Motion, Points, State
 from beltid.rig.steady import lay_on
 
 Array = NDArray[np.float64]

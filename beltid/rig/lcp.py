@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
-from beltid.rig.contact import CONE_TOLERANCE
+from beltid.rig.forces import CONE_TOLERANCE, Motion, State
 from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, held_forces, hold
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
@@ -31,11 +30,8 @@ def lemke(M: Array, q: Array) -> Array:
 
     R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, 2009, Algorithm
     4.4.5: an artificial variable makes w >= 0; complementary bases are followed until it leaves.
-    The lexicographic ratio test makes every pivot unique, so that degenerate problems do not cycle.
-    For copositive-plus M, as of friction with a positive semi-definite G, a solution is found
-    whenever there is one.
-
-    A ConvergenceError says that the method ended on a ray: there is no solution.
+    The lexicographic ratio test makes every pivot unique: degenerate problems do not cycle. For
+    copositive-plus M, as of friction, a ConvergenceError says that there is no solution.
     """
     n = q.size
     if np.all(q >= 0.0):
@@ -43,8 +39,7 @@ def lemke(M: Array, q: Array) -> Array:
     # rows of  w - M z - z_0 = q;  the columns of w carry the inverse of the basis
     tableau = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
     basis, artificial = np.arange(n), 2 * n
-    rows, entering = np.arange(n), artificial
-    row = _lexicographic_minimum(tableau, rows, np.ones(n), basis, -1)
+    row, entering = _leaving_row(tableau, np.ones(n), basis, -1), artificial
     for _ in range(50 * (n + 1)):
         leaving = int(basis[row])
         tableau[row] /= tableau[row, entering]
@@ -57,35 +52,27 @@ def lemke(M: Array, q: Array) -> Array:
             z[basis[within] - n] = np.maximum(tableau[within, -1], 0.0)
             return z
         entering = leaving + n if leaving < n else leaving - n
-        column = tableau[:, entering]
-        rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
-        if rows.size == 0:
+        row = _leaving_row(tableau, tableau[:, entering], basis, artificial)
+        if row < 0:
             break
-        row = _lexicographic_minimum(tableau, rows, column[rows], basis, artificial)
     raise ConvergenceError(
         f"complementarity problem of {n} unknowns: no solution, the method ended on a ray"
     )
 
 
-def _lexicographic_minimum(
-    tableau: Array,
-    rows: NDArray[np.intp],
-    divisors: Array,
-    basis: NDArray[np.intp],
-    artificial: int,
-) -> int:
-    """Return the row of the least (right-hand side, basis inverse)/divisor; artificial first."""
+def _leaving_row(tableau: Array, column: Array, basis: NDArray[np.intp], artificial: int) -> int:
+    """Return the row of the least (right-hand side, basis inverse)/column, or -1."""
+    rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
     for k in range(-1, basis.size):
-        values = tableau[rows, k] / divisors
+        if rows.size <= 1:
+            break
+        values = tableau[rows, k] / column[rows]
         smallest = values.min()
-        keep = values <= smallest + 1e-12 * max(1.0, abs(smallest))
-        rows, divisors = rows[keep], divisors[keep]
+        rows = rows[values <= smallest + 1e-12 * max(1.0, abs(smallest))]
         leaves = rows[basis[rows] == artificial]
         if k == -1 and leaves.size:
             return int(leaves[0])
-        if rows.size == 1:
-            break
-    return int(rows[0])
+    return int(rows[0]) if rows.size else -1
 
 
 def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array]:
@@ -95,9 +82,8 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
     upper bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
 
-    G (n, n) is the Delassus matrix [m/N], positive semi-definite; ``slip_free`` (n,) are the slips
-    without friction forces [m], ``limits`` (n,) the limits mu F_N [N], >= 0. Returned are friction
-    forces [N] and slips [m], exactly zero where a point sticks.
+    The limits mu F_N [N] are >= 0. Returned are friction forces [N] and slips [m], exactly zero
+    where a point sticks.
     """
     n = limits.size
     # forces over the largest limit, slips over the largest free slip
@@ -140,13 +126,13 @@ def step_by_lemke(
         # the step without new friction, the responses to its forces, and a movement of the ends
         W = _directions(system, s, at)
         x = np.vstack([-s.r, W.T, -s.columns[1]])
-        for load in x:
+        at_supports, moved = np.zeros((len(x), 4)), np.zeros(len(x) - 1)
+        for load, out in zip(x, at_supports, strict=True):
             solve(s.A, s.pivots, load, np.zeros(load.size), np.zeros(load.size))
-        moved = np.zeros(len(x) - 1)
+            held_forces(s, load, out)
         if by.any():  # the ends move until the force is the given one
-            forces = np.array([_by_supports(s, by, response) for response in x])
-            moved = -forces[:-1] / (by @ s.kept[1] + forces[-1])
-            moved[0] += missing / (by @ s.kept[1] + forces[-1])
+            missing_to, forces = np.append(missing, np.zeros(len(W.T))), at_supports @ by
+            moved = (missing_to - forces[:-1]) / (by @ s.kept[1] + forces[-1])
             x[-1, [0, 1, -4, -3]] += border.moves
         free, *responses = x[:-1] + np.outer(moved, x[-1])
         compliance = np.reshape(responses, W.T.shape).T
@@ -161,13 +147,6 @@ def step_by_lemke(
         now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
     last[:] = before
     return -1, error
-
-
-def _by_supports(s: State, by: Array, x: Array) -> float:
-    """Return the change of a given force with the coordinates ``x`` (n,)."""
-    out = np.zeros(4)
-    held_forces(s, x, out)
-    return float(by @ out)
 
 
 def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:

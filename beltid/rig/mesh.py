@@ -134,14 +134,12 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
 def graded_nodes(
     belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n_c: int, n: int | None = None
 ) -> Array:
-    """Build the nodes (n + 1,) [m] of a mesh graded towards the ends of the contact.
+    """Build the nodes (n + 1,) [m] of a mesh graded towards the ends of the contact, n even.
 
     There the fourth derivative of the deflection jumps, which determines the error of cubic
-    elements; it decays over the layer of :func:`touchdown` on the pulley's side and over the
-    bending length in the span. So the elements there are the shortest and grow in both directions.
-    They are shorter on a small pulley, where their angle is the limit, and at a clamp, which also
-    bends the belt. ``n`` is even; by default what the lengths and the ``n_c`` points of an element
-    ask for.
+    elements; it decays over the layer of :func:`touchdown` on the pulley's side, over the bending
+    length in the span and at a clamp. So the elements there are the shortest. By default there are
+    as many as the lengths and the ``n_c`` contact points of an element ask for.
     """
     half = 0.5 * Path(rig.R, rig.span, beta).length
     offset, layer, _ = touchdown(belt, rig, law, T_0)
@@ -155,8 +153,7 @@ def graded_nodes(
         wanted = np.minimum(wanted, bend + s)
     density = 1.0 / wanted
     before = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
-    count = 2 * math.ceil(before[-1] / (ELEMENT * n_c)) if n is None else n
-    if n is None:
-        count = min(max(count, FEWEST_ELEMENTS), MOST_ELEMENTS)
+    wanted_count = 2 * math.ceil(before[-1] / (ELEMENT * n_c))
+    count = n or min(max(wanted_count, FEWEST_ELEMENTS), MOST_ELEMENTS)
     left = np.interp(np.linspace(0.0, before[-1], count // 2 + 1), before, s)
     return np.concatenate([left, 2.0 * half - left[-2::-1]])

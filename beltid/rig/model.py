@@ -12,7 +12,7 @@ from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rig.contact import Pulley
+from beltid.rig.forces import Pulley
 from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
 from beltid.rig.newton import Border, System
 

@@ -25,10 +25,8 @@ from numpy.typing import NDArray
 
 from beltid.params import Belt
 from beltid.rig.banded import HALF, factorize, kernel, solve
-from beltid.rig.belt import add_belt, add_inertia
-from beltid.rig.contact import Pulley, add_contact
+from beltid.rig.forces import Motion, Pulley, State, add_belt, add_contact, add_inertia
 from beltid.rig.mesh import Mesh
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
@@ -218,16 +216,12 @@ def equilibrium(
     return -1, error / max(1e-30, math.hypot(s.force[0], s.force[1]))
 
 
-Solver = Callable[[System, Motion, Border, State, int], tuple[int, float]]
-"""Solves one step as :func:`equilibrium` does."""
-
-
 def march(
     system: System,
     border: Border,
     s: State,
     record: NDArray[np.void],
-    solver: Solver = equilibrium,
+    solver: Callable[..., tuple[int, float]] = equilibrium,
 ) -> int:
     """Take the steps of a record from ``s.q``, ``s.q_dot``, ``s.last``; return how many succeeded.
 

@@ -11,7 +11,7 @@ of half the travel of the build-up; this does not change the plateau.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
 from beltid.params import OperatingPoint
+from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.newton import STEP, Solver, equilibrium, march
-from beltid.rig.state import State
+from beltid.rig.newton import STEP, equilibrium, march
 from beltid.rig.steady import describe, lay_on, slide
 
 Array = NDArray[np.float64]
@@ -100,35 +100,28 @@ class RunResult:
         slip_speed_m_s, tension_N (axial force of the belt), sticks (bool).
         """
         state, path, mesh = self.sliding, self.model.path, self.model.system.mesh
-        touches = state.touching.ravel()
-        points = state.now.ravel()[touches]
+        touches, points = state.touching.ravel(), state.now.ravel()
+        sine, cosine = np.sin(points["theta"]), np.cos(points["theta"])
+        normal, tangent = np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)
+        # the strain of the elements oscillates about the true one, so the axial force is that of
+        # equilibrium with the support and the points before; inertia is neglected
+        force = points["F_N"][:, None] * normal + points["F_T"][:, None] * tangent
+        section = -(state.force[:2] + np.cumsum(force, axis=0) - 0.5 * force)
+        nodes = state.q.reshape(-1, 4)
+        pairs = np.concatenate([nodes[:-1], nodes[1:]], axis=1).reshape(-1, 4, 2)
+        along = np.einsum("ecj,ejk->eck", mesh.N_s, pairs).reshape(-1, 2)
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
         phi = points["theta"] + 0.5 * path.beta
-        return {
+        columns = {
             "arc_position_m": path.R * phi,
             "normal_force_N_m": points["f_N"],
             "capstan_force_N_m": normal_force(phi, state.T_A, self.mu, path.R),
-            "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel()[touches] * state.u[0]),
+            "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel() * state.u[0]),
             "slip_speed_m_s": points["speed"],
-            "tension_N": self._axial_force()[touches],
+            "tension_N": np.sum(section * along, axis=-1),
             "sticks": points["sticks"],
         }
-
-    def _axial_force(self) -> Array:
-        """Compute the axial force at the contact points from equilibrium of the belt, (m,) [N].
-
-        The strain of the elements oscillates about the true one; the forces of the support and of
-        the contact points do not. Half of a point's own force is included; inertia is neglected.
-        """
-        points = self.sliding.now.ravel()
-        sine, cosine = np.sin(points["theta"]), np.cos(points["theta"])
-        normal, tangent = np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)
-        force = points["F_N"][:, None] * normal + points["F_T"][:, None] * tangent
-        section = -(self.sliding.force[:2] + np.cumsum(force, axis=0) - 0.5 * force)
-        nodes = self.sliding.q.reshape(-1, 4)
-        pairs = np.concatenate([nodes[:-1], nodes[1:]], axis=1).reshape(-1, 4, 2)
-        along = np.einsum("ecj,ejk->eck", self.model.system.mesh.N_s, pairs).reshape(-1, 2)
-        along /= np.linalg.norm(along, axis=-1, keepdims=True)
-        return np.asarray(np.sum(section * along, axis=-1))
+        return {name: values[touches] for name, values in columns.items()}
 
 
 def simulate(
@@ -186,11 +179,12 @@ def _simulated(
     return RunResult(model, last, recording, int(steps["halvings"].sum()), outside)
 
 
-def build_up_travel(model: RigModel, laid: State, sliding: State) -> float:
-    """Return the travel of the pulley's surface until all points slide [m].
+def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.void]:
+    """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
 
-    The pulley carries the last point to slide from its position at rest to its position in the
-    sliding state, so the travel is the largest of these distances.
+    The travel is that of the last point to slide, from its place at rest to that in the sliding
+    state. Steps of the plateau are at least a tenth of the oscillation period of the slack span: an
+    implicit Euler step damps what it does not resolve. It lasts several time constants of contact.
     """
     touches = sliding.touching & laid.touching
     if not touches.any():
@@ -198,18 +192,7 @@ def build_up_travel(model: RigModel, laid: State, sliding: State) -> float:
             f"{describe(model.point)}: no part of the belt touches both at rest and when sliding"
         )
     turned = (sliding.now["theta"] - laid.now["theta"])[touches]
-    return model.path.R * float(np.max(turned))
-
-
-def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.void]:
-    """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
-
-    The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
-    of the oscillation period of the slack span: an implicit Euler step damps what it does not
-    resolve, so vibrations from the start decay within the run. The plateau lasts several time
-    constants of the contact, which are its damping over its stiffness.
-    """
-    travel = BUILD_UP_MARGIN * build_up_travel(model, laid, sliding)
+    travel = BUILD_UP_MARGIN * (model.path.R * float(np.max(turned)))
     dt = travel / BUILD_UP / (model.path.R * model.point.omega)
     period = 2.0 * model.path.span * math.sqrt(model.system.belt.rhoA / sliding.T_B)
     pulley, delta = model.system.pulley, model.path.R - sliding.now["rho"][sliding.touching]
@@ -228,17 +211,17 @@ def run_transient(
     laid: State,
     sliding: State,
     falls: bool = False,
-    solver: Solver = equilibrium,
+    solver: Callable[..., tuple[int, float]] = equilibrium,
 ) -> tuple[NDArray[np.void], State]:
     """Turn the pulley under the laid-on belt until the plateau; return all steps, the last state.
 
-    The steady state ``sliding`` tells the travel of the build-up, ``falls`` whether mu falls with
-    the speed anywhere. A ConvergenceError says that a step failed after all halvings, or that the
-    plateau does not settle.
+    ``falls`` tells whether mu falls with the speed anywhere. A ConvergenceError says that a step
+    failed after all halvings, or that the plateau does not settle.
     """
     record, system = make_schedule(model, laid, sliding), model.system
     if falls:
-        memory = MEMORY * build_up_travel(model, laid, sliding)
+        travel = model.path.R * model.point.omega * BUILD_UP * float(record["dt"][0])
+        memory = MEMORY * travel / BUILD_UP_MARGIN
         system = system._replace(pulley=system.pulley._replace(memory=memory))
     s = at_rest(model, laid)
     done = march(system, model.border, s, record, solver)

@@ -17,9 +17,9 @@ from scipy.linalg import LinAlgError, solve_banded
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.params import OperatingPoint
 from beltid.rig.banded import HALF
+from beltid.rig.forces import Motion, State
 from beltid.rig.model import LARGEST_STRAIN, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, Border, assemble, equilibrium, hold
-from beltid.rig.state import Motion, State
 
 Array = NDArray[np.float64]
 
@@ -79,24 +79,24 @@ def _approach(
     )
 
 
-def _check_plausible(model: RigModel, state: State) -> None:
+def _check_plausible(model: RigModel, s: State) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
-    R, depth = model.path.R, model.path.R - float(state.now["rho"].min())
-    largest = max(state.T_A, state.T_B)
-    problem = None
-    if not state.touching.any():
-        problem = "the belt does not touch the pulley"
-    elif depth > DEEPEST * R:
-        problem = (
+    R, largest = model.path.R, max(s.T_A, s.T_B)
+    depth = R - float(s.now["rho"].min())
+    for is_wrong, problem in (
+        (not s.touching.any(), "the belt does not touch the pulley"),
+        (
+            depth > DEEPEST * R,
             f"the belt sinks {1e3 * depth:.3g} mm into the pulley, must be below {DEEPEST:.0%} of "
-            "its radius: contact law too soft or tension too high"
-        )
-    elif largest > LARGEST_STRAIN * model.system.belt.EA:
-        problem = (
-            f"a tension of {largest:.4g} N stretches the belt by more than {LARGEST_STRAIN:.0%}"
-        )
-    if problem:
-        raise NumericsError(f"{describe(model.point)}: {problem}")
+            "its radius: contact law too soft or tension too high",
+        ),
+        (
+            largest > LARGEST_STRAIN * model.system.belt.EA,
+            f"a tension of {largest:.4g} N stretches the belt by more than {LARGEST_STRAIN:.0%}",
+        ),
+    ):
+        if is_wrong:
+            raise NumericsError(f"{describe(model.point)}: {problem}")
 
 
 def describe(point: OperatingPoint) -> str:

@@ -34,8 +34,8 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
+from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.state import State
 from beltid.rig.steady import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (

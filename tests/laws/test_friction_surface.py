@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from beltid.errors import InputError
 from beltid.laws.bicubic import SurfaceTables, bounded_cubic, bounded_patches
 from beltid.laws.friction_surface import FrictionSurface, continued
-from beltid.rig.contact import friction
+from beltid.rig.forces import friction
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 V = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])

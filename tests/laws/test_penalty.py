@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw, elastic_energy
-from beltid.rig.belt import section_force
+from beltid.rig.forces import section_force
 
 PAPER = NormalLaw(k_linear_N_m2=6.5e7, k_quadratic_N_m3=3.0256e11)
 stiffness = st.floats(1e3, 1e13)

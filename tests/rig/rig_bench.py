@@ -13,8 +13,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.banded import HALF
+from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.state import State
 from beltid.rig.steady import lay_on, slide
 
 Array = NDArray[np.float64]

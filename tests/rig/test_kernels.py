@@ -9,10 +9,10 @@ from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
 from beltid.rig.banded import HALF, WIDTH, factorize, kernel, solve
+from beltid.rig.forces import Motion, State
 from beltid.rig.model import RigModel
 from beltid.rig.newton import assemble
 from beltid.rig.runs import at_rest
-from beltid.rig.state import Motion, State
 
 OMEGA = 0.3
 SURFACE = surface_5pk()

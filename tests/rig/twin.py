@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Belt
-from beltid.rig.contact import Pulley
+from beltid.rig.forces import Motion, Points, Pulley
 from beltid.rig.mesh import Mesh
-from beltid.rig.state import Motion, Points
 
 Array = NDArray[np.float64]
 
