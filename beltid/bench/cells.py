@@ -22,7 +22,7 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_clock, is_date, is_number
+from beltid.bench.numbers import GROUPED, MISSING, NumberSigns, is_clock, is_date, is_number
 from beltid.bench.raw import Field, Raw, distinct_names, first_texts, is_unit
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
@@ -265,16 +265,20 @@ def _signs(
 ) -> NumberSigns:
     """Detect the number signs in the first rows; InputError if numbers contradict each other."""
     decimal, thousands = dialect.decimal, dialect.thousands
-    cells = (cell for column in columns.values() for cell in column)
-    signs = NumberSigns.of(cells, decimal, thousands)
+    signs = NumberSigns.of(itertools.chain(*columns.values()), decimal, thousands)
     if decimal is None and signs.decimal == ",":
         notes.append("decimal comma found in the numbers")
     if thousands is None and signs.thousands:
         notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
-    for name, column in columns.items() if decimal is thousands is None else ():
-        if pair := contradiction(column, signs):
+    is_open = decimal is thousands is None and signs == NumberSigns()
+    for name, column in columns.items() if is_open else ():
+        # numbers that write 950 without decimals drop zeros, so they would write 1.25, not 1.250
+        whole = [c for c in column if re.fullmatch(r"[-+]?[1-9]\d\d", c, re.ASCII)]
+        pointed = [c for c in column if "." in c]
+        rounded = [c for c in pointed if c.endswith("0")]
+        if whole and rounded and all(map(GROUPED.fullmatch, pointed)):
             raise InputError(
-                f'{place}: column {name} holds "{pair[0]}" and "{pair[1]}": if the point marks '
+                f'{place}: column {name} holds "{whole[0]}" and "{rounded[0]}": if the point marks '
                 'thousands, set dialect: {thousands: "."}, else {decimal: "."}'
             )
     return signs
@@ -345,43 +349,34 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
     """Read the sheets of a workbook that are shown and hold a table."""
     from openpyxl import load_workbook
 
-    with zipfile.ZipFile(path) as archive:
+    found, left_out = list[Raw](), list[str]()
+    with zipfile.ZipFile(path) as archive, path.open("rb") as stream:
         if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
             raise InputError(f"{place}: unpacks to more than {MAX_BYTES >> 20} MB, split it")
-        broken = archive.testzip()
-        if broken is not None:
+        if broken := archive.testzip():
             raise InputError(f"{place}: damaged: {broken} in it does not match its checksum")
-    found, left_out = list[Raw](), list[str]()
-    with path.open("rb") as stream:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
-            if sheet.sheet_state != "visible":
-                left_out.append(sheet.title)
-                continue
-            rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True)]
+            is_shown = sheet.sheet_state == "visible"
+            written = sheet.iter_rows(values_only=True) if is_shown else ()
+            rows = [_trimmed(row, place) for row in written]
             table = _table(place, sheet.title, rows)
             if table is not None:
                 found.append(table)
-            elif any(rows):
+            elif any(rows) or not is_shown:
                 left_out.append(sheet.title)
-    if not found or any(table.frame.isna().to_numpy().any() for table in found):
-        _refuse_formulas(path, place)
+        if not found or any(table.frame.isna().to_numpy().any() for table in found):
+            names = [name for name in archive.namelist() if name.startswith("xl/worksheets/")]
+            if any(_UNCOMPUTED.search(archive.read(name)) for name in names):
+                raise InputError(
+                    f"{place}: holds formulas without their values: open it in a spreadsheet "
+                    "program, which computes them, and save it"
+                )
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
     notes = [f"sheet {title} left out: hidden, or without a table of numbers" for title in left_out]
     yield replace(found[0], notes=tuple(notes))
     yield from found[1:]
-
-
-def _refuse_formulas(path: Path, place: str) -> None:
-    """Refuse formulas without computed values, whose cells would be read as empty."""
-    with zipfile.ZipFile(path) as archive:
-        for name in archive.namelist():
-            if name.startswith("xl/worksheets/") and _UNCOMPUTED.search(archive.read(name)):
-                raise InputError(
-                    f"{place}: holds formulas without their values: open it in a spreadsheet "
-                    "program, which computes them, and save it"
-                )
 
 
 def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:

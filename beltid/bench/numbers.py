@@ -32,7 +32,7 @@ _PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
 _SINGLE: Final = re.compile(
     r"[-+]?(?=[.,]?\d)\d*(?:(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?", re.ASCII
 )
-_GROUPED: Final = re.compile(
+GROUPED: Final = re.compile(
     r"[-+]?[1-9]\d{0,2}(?P<sign>[.,' ])\d{3}(?P<more>(?:(?P=sign)\d{3})*)"
     r"(?:(?!(?P=sign))(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?",
     re.ASCII,
@@ -60,7 +60,7 @@ DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 def is_number(cell: str) -> bool:
     """Return whether a cell is a number, with either decimal sign, with or without groups."""
     plain = cell.translate(_PLAIN)
-    return bool(_SINGLE.fullmatch(plain) or _GROUPED.fullmatch(plain))
+    return bool(_SINGLE.fullmatch(plain) or GROUPED.fullmatch(plain))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class NumberSigns:
         decimals, groups = set(), set()
         for cell in cells:
             plain = cell.translate(_PLAIN)
-            match = _GROUPED.fullmatch(plain)
+            match = GROUPED.fullmatch(plain)
             if match is None:
                 single = _SINGLE.fullmatch(plain)
                 decimals |= {single["point"]} - {None} if single else set()
@@ -97,7 +97,7 @@ class NumberSigns:
         match = _SINGLE.fullmatch(text)
         if match and match["point"] in (None, self.decimal):
             return float(text.replace(",", "."))
-        match = _GROUPED.fullmatch(text)
+        match = GROUPED.fullmatch(text)
         if match is None:
             return NO_NUMBER
         sign, point = match["sign"], match["point"]
@@ -132,21 +132,6 @@ def numbers_of(
     rows = np.flatnonzero(np.isin(codes, list(wrong)))
     problems.add_alike(rows, lambda i: wrong[codes[i]], place)
     return values[codes]
-
-
-def contradiction(cells: Sequence[str], signs: NumberSigns) -> tuple[str, str] | None:
-    """Return two numbers of a column that contradict the point as decimal sign, else None.
-
-    A column that writes 950 without decimals drops zeros, so it would write 1.25, not 1.250.
-    """
-    if signs.decimal != "." or signs.thousands:
-        return None
-    pointed = [cell for cell in cells if "." in cell]
-    whole = next((c for c in cells if re.fullmatch(r"[-+]?[1-9]\d\d", c, re.ASCII)), None)
-    round_ones = [cell for cell in pointed if cell.endswith("0")]
-    if whole is None or not round_ones or not all(map(_GROUPED.fullmatch, pointed)):
-        return None
-    return whole, round_ones[0]
 
 
 def word_of(value: Any) -> str | None:
