@@ -225,17 +225,8 @@ def _surface(part: FrictionPart) -> FrictionSurface:
     return surface.with_covariance(part.factor, part.sources)
 
 
-def friction_part(
-    surface: FrictionSurface,
-    method: str,
-    budget: tuple[Contribution, ...] = (),
-    sticking: tuple[float, float] | None = None,
-) -> FrictionPart:
-    """Build the friction part of a law from its surface with its covariance.
-
-    `budget` are the contributions to its uncertainty, `sticking` mean and standard deviation of the
-    ratio of sticking peak and sliding coefficient.
-    """
+def friction_part(surface: FrictionSurface, method: str, **more: Any) -> FrictionPart:
+    """Build the friction part of a law from its surface with its covariance, and other fields."""
     tables, factor = surface.tables(), surface.factor
     values = {
         "method": method,
@@ -244,18 +235,15 @@ def friction_part(
         "mu": surface.mu_nodes,
         "mu_u": None if factor is None else surface.mu_nodes * np.linalg.norm(factor, axis=2),
         "mu_se": surface.mu_se_nodes,
-        "budget": budget,
         "factor": factor,
         "sources": surface.sources,
-        "sticking_ratio": sticking[0] if sticking else None,
-        "sticking_ratio_sd": sticking[1] if sticking else None,
         "x_nodes": tables.x_nodes,
         "y_nodes": tables.y_nodes,
         "f_ref_N_m": tables.f_ref,
         "v_ref_m_s": tables.v_ref,
         "patches": tables.C,
     }
-    return FrictionPart.model_validate(plain(values))
+    return FrictionPart.model_validate(plain({**values, **more}))
 
 
 def law_text(law: ContactLaw) -> str:
@@ -282,9 +270,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
             "`beltid export json` writes one"
         )
     if values.get("version") != VERSION:
-        raise ArtifactError(
-            f"{name}: version = {values.get('version')!r}, this beltid reads version {VERSION}"
-        )
+        found = f"version = {values.get('version')!r}"
+        raise ArtifactError(f"{name}: {found}, this beltid reads version {VERSION}")
     seal = values.pop(SEAL, None)
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):

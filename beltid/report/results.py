@@ -203,10 +203,10 @@ def is_setting(values: np.ndarray) -> bool:
 
 def class_name(values: np.ndarray, unit: str = "") -> str:
     """Name the setting of some runs, or the range of their class."""
-    if is_setting(values):  # exact settings get four digits, scattered ones three
-        digits = 4 if np.ptp(values) == 0.0 else 3
-        return f"{float(np.median(values)):.{digits}g}{unit}"
-    return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
+    if not is_setting(values):
+        return f"{values.min():.3g} to {values.max():.3g}{unit}"
+    digits = 4 if np.ptp(values) == 0.0 else 3  # exact settings, and scattered ones
+    return f"{np.median(values):.{digits}g}{unit}"
 
 
 def load_name(friction: Sheet) -> str:

@@ -172,12 +172,12 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
             friction=friction_part(
                 surface_from(surface),
                 surface.facts.get("method") or "published",
-                tuple(
+                budget=tuple(
                     Contribution(**{k: v for k, v in row.items() if k in Contribution.model_fields})
                     for row in surface.record.tables.get("budget", ())
                     if row["contribution_percent"] is not None
                 ),
-                None if friction is None else _sticking(friction.columns),
+                **({} if friction is None else _sticking(friction.columns)),
             ),
             validity=Validity(
                 measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
@@ -212,8 +212,10 @@ def _belt(folder: Path, surface: Artifact, config: Path | None) -> BeltFacts:
     )
 
 
-def _sticking(friction: Columns) -> tuple[float, float] | None:
+def _sticking(friction: Columns) -> dict[str, float]:
     """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
     ratio = friction["mu_sticking"] / friction["mu_sliding"]
     ratio = ratio[(friction["status"] == "ok") & np.isfinite(ratio)]
-    return (float(ratio.mean()), float(ratio.std(ddof=1))) if ratio.size > 1 else None
+    if ratio.size < 2:
+        return {}
+    return {"sticking_ratio": ratio.mean(), "sticking_ratio_sd": ratio.std(ddof=1)}
