@@ -293,9 +293,7 @@ def measured_runs(
 
 def shared_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the change of ln mu (n,) by shared errors of the reduction; 0 where unknown."""
-    shared = {
-        key: np.asarray(columns[key], float) for key, _ in REDUCTION_SOURCES if key in columns
-    }
+    shared = {k: np.asarray(columns[k], float) for k in REDUCTION_SOURCES if k in columns}
     return {key: np.where(np.isfinite(values), values, 0.0) for key, values in shared.items()}
 
 
@@ -327,12 +325,10 @@ def numbered_arcs(
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
     """Select the rows whose arc, force, speed and coefficient are positive numbers."""
-    good = np.ones(rows.size, dtype=bool)
-    for name in POSITIVE:
-        values = np.asarray(columns[name], dtype=float)[rows]
-        values = np.abs(values) if name == "slip_speed_m_s" else values
-        good &= np.isfinite(values) & (values > 0.0)
-    return np.asarray(rows[good])
+    values = {name: np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE}
+    values["slip_speed_m_s"] = np.abs(values["slip_speed_m_s"])
+    good = [np.isfinite(x) & (x > 0.0) for x in values.values()]
+    return np.asarray(rows[np.all(good, axis=0)])
 
 
 def published_grid(measured: Measured) -> SurfaceGrid:
