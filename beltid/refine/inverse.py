@@ -17,7 +17,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,8 +209,7 @@ def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(NamedTuple):
     """All runs simulated with one surface."""
 
     tight: Array  # tensions [N], (n,)
@@ -248,8 +247,7 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     return float(lowest.min()), float(low.min()), float(peak.max())
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(NamedTuple):
     """End of the iteration: coordinates after the last step, model and weights used for it."""
 
     coordinates: Array

@@ -112,9 +112,8 @@ def agreement(
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
-    result, found = validated(
-        compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
-    )
+    points = compare_points(measured, simulated, tolerances)
+    result, columns, budget, facts, notes = validated(points, measured, simulated, uncertainty)
     n = len(result.columns["run"])
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
@@ -123,26 +122,26 @@ def agreement(
         few = f"only {n} of {result.n_usable} measured runs were compared"
         warnings.insert(0, f"{few}: the verdict holds for these only")
     return Outcome(
-        result.columns | found.columns | {"status": np.full(n, OK, dtype=object)},
+        result.columns | columns | {"status": np.full(n, OK, dtype=object)},
         result,
         facts={
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": f"{found.facts['within_2u']} of {n} runs",
-            "rms_over_u_validation": found.facts["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(found.budget),
-            "validation": found.facts,
+            "within_two_u_validation": f"{facts['within_2u']} of {n} runs",
+            "rms_over_u_validation": facts["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(budget),
+            "validation": facts,
         },
         tables={
             "groups": list(result.groups),
             "judged": result.verdict_table(),
             "averaged": rows_of(result.averaged, *result.averaged),
-            "budget": found.budget,
+            "budget": budget,
         },
         validity={"normal_force_N_m": span(result.columns["normal_force_N_m"])},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=tuple(filter(None, (*found.notes, result.against_uncertainty))),
+        notes=tuple(filter(None, (*notes, result.against_uncertainty))),
         warnings=tuple(warnings),
         verdict=result.verdict,
         passed=bool(result.passed),

@@ -293,9 +293,7 @@ def measured_runs(
 
 def shared_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the change of ln mu (n,) by shared errors of the reduction; 0 where unknown."""
-    shared = {
-        key: np.asarray(columns[key], float) for key, _ in REDUCTION_SOURCES if key in columns
-    }
+    shared = {k: np.asarray(columns[k], float) for k in REDUCTION_SOURCES if k in columns}
     return {key: np.where(np.isfinite(values), values, 0.0) for key, values in shared.items()}
 
 
@@ -327,12 +325,10 @@ def numbered_arcs(
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
     """Select the rows whose arc, force, speed and coefficient are positive numbers."""
-    good = np.ones(rows.size, dtype=bool)
-    for name in POSITIVE:
-        values = np.asarray(columns[name], dtype=float)[rows]
-        values = np.abs(values) if name == "slip_speed_m_s" else values
-        good &= np.isfinite(values) & (values > 0.0)
-    return np.asarray(rows[good])
+    values = {name: np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE}
+    values["slip_speed_m_s"] = np.abs(values["slip_speed_m_s"])
+    good = [np.isfinite(x) & (x > 0.0) for x in values.values()]
+    return np.asarray(rows[np.all(good, axis=0)])
 
 
 def published_grid(measured: Measured) -> SurfaceGrid:
@@ -422,19 +418,17 @@ def stiffness_uncertainty(
     Returns columns ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``, and one row per coefficient and
     source.
     """
-    sources, u = stated_sources(given, (PRESS,)), np.zeros((len(laws), 2))
-    for i, law in enumerate(laws):
-        k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
-        size = np.where(k > 0.0, k, 1.0)
-        press = PressLaw(NormalLaw(*k), np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
-        changes = changes_by(sources, press.coefficients) / size[:, None]
-        scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
-        u[i] = size * np.hypot(np.linalg.norm(changes, axis=1), scatter)
-        freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
-    rows: list[dict[str, Any]] = []
-    for name, change, own in zip(
-        ("k_linear_N_m2", "k_quadratic_N_m3"), changes, scatter, strict=True
-    ):
-        part = Scatter("scatter of the press curves", own[None], freedom)
-        rows += budget(name, sources, change[None], part)
+    sources = stated_sources(given, (PRESS,))
+    k = np.array([(law.k_linear_N_m2, law.k_quadratic_N_m3) for law in laws])
+    size, changes = np.where(k > 0.0, k, 1.0), []
+    scatter = np.array([(law.k_linear_se_N_m2, law.k_quadratic_se_N_m3) for law in laws]) / size
+    for law, of_law in zip(laws, k.tolist(), strict=True):
+        fit = np.zeros((2, 2)), law.max_penetration_m, segment_length_m
+        changes.append(changes_by(sources, PressLaw(NormalLaw(*of_law), *fit).coefficients))
+    relative = np.array(changes) / size[..., None]
+    u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []
+    freedom = max(laws[-1].n_effective - 2.0 - len(laws[-1].contact_m), 1.0)
+    for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):
+        part = Scatter("scatter of the press curves", scatter[-1:, j], freedom)
+        rows += budget(name, sources, relative[-1:, j], part)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

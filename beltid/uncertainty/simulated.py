@@ -104,8 +104,7 @@ def simulated_runs(
     return Measured(*settings, tight, slack, mu, np.zeros(mu.size), kind=kind, given_force=given)
 
 
-@dataclass(frozen=True, slots=True)
-class Sliding:
+class Sliding(NamedTuple):
     """The sliding limit of a run."""
 
     tight: float  # tensions [N]
@@ -360,25 +359,19 @@ UNKNOWN: Final = (
 )
 
 
-class Validation(NamedTuple):
-    """What a comparison says of its uncertainties."""
-
-    columns: dict[str, Array]  # of the comparison table: absolute uncertainties of mu [-], (n,)
-    budget: list[dict[str, Any]]  # of the relative difference
-    facts: dict[str, Any]
-    """How many differences are within their uncertainty, and their ratio."""
-    notes: tuple[str, ...]
-
-
 def validated(
     result: AgreementResult,
     measured: Mapping[str, np.ndarray],
     simulated: Mapping[str, np.ndarray],
     uncertainty: RunsUncertainty | None,
-) -> tuple[AgreementResult, Validation]:
-    """Return a comparison with the uncertainties ``u_validation`` of its differences, and parts.
+) -> tuple[
+    AgreementResult, dict[str, Array], list[dict[str, Any]], dict[str, Any], tuple[str, ...]
+]:
+    """Return a comparison with the uncertainties ``u_validation`` of its differences.
 
-    From the tables of reduced runs, and the uncertainty of the simulated ones if it is known.
+    From the tables of reduced runs, and the uncertainty of the simulated ones if it is known. Then
+    follow columns of the comparison table with absolute uncertainties of mu [-], the budget of the
+    relative difference, facts (how many differences are within their uncertainty), and notes.
     """
     of_measured, of_simulated = result.rows
     mu = result.columns["mu_measured"]
@@ -438,7 +431,7 @@ def validated(
         "inputs_known": is_known,
     }
     lines = budget("difference", sources, difference.T, *map(Scatter, SCATTERS, scatters))
-    return result, Validation(columns, lines, facts, () if is_known else (UNKNOWN,))
+    return result, columns, lines, facts, () if is_known else (UNKNOWN,)
 
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:

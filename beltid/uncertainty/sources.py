@@ -70,11 +70,11 @@ KINDS: Final = (
 )
 """All errors that can be stated."""
 
-REDUCTION_SOURCES: Final = (
-    ("shared_tail", "shape of the tail"),
-    ("shared_drift", "common drift"),
-    ("shared_cells", "cells as seen at rest"),
-)
+REDUCTION_SOURCES: Final = {
+    "shared_tail": "shape of the tail",
+    "shared_drift": "common drift",
+    "shared_cells": "cells as seen at rest",
+}
 """Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
 ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
 TEMPERATURE = "temperature_effect"
@@ -189,11 +189,8 @@ SLOWER: Final = Source(
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     """Return the sources of the reduction that runs have columns for; each of unit size."""
-    return tuple(
-        Source(words, key)
-        for key, words in REDUCTION_SOURCES
-        if key in columns and np.any(columns[key])
-    )
+    known = (key for key in REDUCTION_SOURCES if key in columns and np.any(columns[key]))
+    return tuple(Source(REDUCTION_SOURCES[key], key) for key in known)
 
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:

@@ -18,7 +18,7 @@ from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, s
 from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE, Source
+from beltid.uncertainty.sources import ARC, ORDER, TEMPERATURE, Source
 
 SMALL = tuple(TWO)
 N, NOISE = 48, 0.001
@@ -219,19 +219,6 @@ def test_effects_that_the_runs_cannot_show_are_left_out() -> None:
     ):
         (warm,) = campaign_effects(known, reference)
         np.testing.assert_allclose(warm.columns[:, 0], expected)
-
-
-def test_the_order_has_a_steady_change_of_one_and_bends_of_no_mean() -> None:
-    m, n = campaign("5pk", speeds=TWO).measured, 200
-    many = replace(m, mu=np.ones(n), arc=np.zeros(n, dtype=np.intp), order=np.arange(n))
-    steady, bends = campaign_effects(many, None)
-    assert (steady.key, bends.key) == (ORDER, COURSE)
-    np.testing.assert_allclose(steady.columns[[0, -1], 0], [-0.5, 0.5])
-    np.testing.assert_allclose(bends.columns.mean(axis=0), 0.0, atol=0.003)
-    # orthogonal to it and to each other, but for the sum in place of the integral
-    products = bends.columns.T @ np.column_stack([steady.columns, bends.columns]) / n
-    expected = np.column_stack([np.zeros(3), np.diag([1 / (2 * k + 1) / k**4 for k in (2, 3, 4)])])
-    np.testing.assert_allclose(products, expected, atol=0.004)
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     table["initial_tension_N"] = 1.03 * table["nominal_tension_N"]
     simulated = {**friction(), "mu_sliding": 1.01 * table["mu_sliding"]}
     result = beltid.compare(table, simulated).result
-    n = result.mu_measured.size
+    n = result.columns["mu_measured"].size
     sources = reduction_sources({"shared_tail": table["shared_tail"]}) if known else ()
     column = np.full((n, len(sources)), TAIL)
     uncertainty = RunsUncertainty(
@@ -118,10 +118,10 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         numerical=np.full(n, 0.004),
         by_setting=np.tile([0.006 / np.log(1.03), 1.0], (n, 1)),
     )
-    _, found = validated(result, table, simulated, uncertainty)
-    mu, columns = result.mu_measured, found.columns
+    _, columns, budget, _, _ = validated(result, table, simulated, uncertainty)
+    mu = result.columns["mu_measured"]
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
-    of_budget = lines(found.budget)
+    of_budget = lines(budget)
     assert of_budget["scatter of the measured runs"] == pytest.approx(100 * own, rel=1e-6)
     np.testing.assert_allclose(
         columns["u_validation"] / mu, math.hypot(own, left, 0.003, 0.004, 0.006), rtol=1e-6

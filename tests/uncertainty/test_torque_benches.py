@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -131,22 +129,6 @@ def test_the_speed_of_a_running_belt_counts_twice_in_what_turns_it():
     assert "speed of the pulley" in {row["source"] for row in rows}
     at_rest, _ = friction_uncertainty(table(), given, R, RigKind("two_cells"))
     np.testing.assert_allclose(at_rest["mu_sliding_u"], 0.0, atol=1e-12)
-
-
-def test_a_torque_and_a_cell_that_are_wrong_alike_change_no_coefficient():
-    # (T_s + M/R) / T_s: a factor on both cancels
-    given = StandardUncertainties({"tension_gain": 0.01, "torque_gain": 0.01})
-    columns, rows = friction_uncertainty(table(), given, R, RigKind("torque"))
-    parts = {
-        row["source"]: row["contribution_percent"]
-        for row in rows
-        if row["quantity"] == "mu_sliding"
-    }
-    assert parts["gain of the torque"] == pytest.approx(
-        parts["gain common to both load cells"], rel=0.02
-    )
-    expected = 0.01 * math.sqrt(2.0) * (1.0 - SLACK / TIGHT) / (MU * BETA)
-    np.testing.assert_allclose(columns["mu_sliding_u"] / MU, expected, rtol=0.01)
 
 
 def test_a_bench_without_a_torque_has_no_error_of_one():
