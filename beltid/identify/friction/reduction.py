@@ -103,7 +103,7 @@ def reduce_plateaus(
         if direct:
             run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
         else:
-            run.set_plateau(*record.tensions[0], R)
+            run.set_plateau(*record.tensions[0], R=R)
         run.mu_sliding_se = se
         run.status = _problem(run, record.kind) or "ok"
     return tuple(record.result for record in records)
