@@ -103,7 +103,8 @@ def reduce_plateaus(
         if direct:
             run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
         else:
-            run.set_plateau(*record.tensions[0], R=R)
+            tight, slack = record.tensions[0].tolist()
+            run.set_plateau(tight, slack, R)
         run.mu_sliding_se = se
         run.status = _problem(run, record.kind) or "ok"
     return tuple(record.result for record in records)
