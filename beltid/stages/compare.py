@@ -178,11 +178,9 @@ def predicted_runs(
     groups = [*outcome.tables["groups"]]
     if by == "speed":
         ends = np.cumsum([prediction.fold.left_out.size for prediction in predicted])[:-1]
-        differences, forces = (
-            np.split(outcome.result.columns[name], ends)
-            for name in ("relative_difference", "normal_force_N_m")
-        )
-        for prediction, *of_fold in zip(predicted, differences, forces, strict=True):
+        names = ("relative_difference", "normal_force_N_m")
+        parts = (np.split(outcome.result.columns[name], ends) for name in names)
+        for prediction, *of_fold in zip(predicted, *parts, strict=True):
             groups.append(statistics(prediction.fold.name, *of_fold))
     return replace(
         outcome,

@@ -1,14 +1,18 @@
-"""Stated intervals of mu_sliding hold; `benchmarks/coverage.py` measures them on all benches."""
+"""Intervals hold and peaks meet the truth; `benchmarks/coverage.py` measures all benches."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from press_bench import read
 from scipy.signal import lfilter
 from virtual_rig import RADIUS_M, draw, reduce_runs
 
 Array = np.ndarray
 LONG = pytest.mark.long
+ROOT = Path(__file__).parents[2]
 
 
 def rms(values: Array) -> float:
@@ -68,3 +72,18 @@ def test_noise_that_is_slower_than_the_sliding_is_seen_at_rest() -> None:
     assert all(run.ok for run in runs)
     assert np.mean(np.abs(z) < 1.96) > 0.85
     assert 0.6 <= rms(z) <= 1.25
+
+
+BELTS = [pytest.param(belt, marks=LONG) for belt in ("4pk", "6pk")]
+
+
+@pytest.mark.parametrize("belt", ["5pk", *BELTS])
+def test_sticking_coefficient_meets_the_truth_at_every_speed_that_resolves_it(belt: str) -> None:
+    runs = reduce_runs(read(ROOT / "rigdata" / belt / "rig.csv"), 0.05)
+    truth = read(ROOT / "tests" / "truth" / belt / "truth.csv")
+    error = np.array([run.mu_sticking for run in runs]) / truth["mu_stick"] - 1.0
+    slow, seen = truth["omega"] <= 0.1, np.isfinite(error)
+    assert np.all(seen[slow])
+    assert rms(error[slow]) < 0.004
+    assert np.max(np.abs(error[seen])) < 0.03
+    assert [not run.mu_sticking_reason for run in runs] == seen.tolist()

@@ -103,7 +103,7 @@ def reduce_plateaus(
         if direct:
             run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
         else:
-            tight, slack = record.tensions[0]
+            tight, slack = record.tensions[0].tolist()
             run.set_plateau(tight, slack, R)
         run.mu_sliding_se = se
         run.status = _problem(run, record.kind) or "ok"

@@ -20,7 +20,7 @@ recording shows (virgin rubber, another rate of loading) is for the user to stat
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -42,11 +42,13 @@ Array = NDArray[np.float64]
 
 Sizes = Mapping[str, float]
 
-CORRELATED = Size(3e-6, 2.0, 0.3)
-SEGMENT = Size(1e-4, 2.0, 0.3)
-TEMPERATURE = Size(3e-3, 2.0, 0.3)
-MISFIT = Size(3e-6, 2.0, 0.3)
-"""Priors of the sizes, as shares of the force (SEGMENT, TEMPERATURE per 50 K) or of its largest."""
+PRIORS = {
+    "correlated": Size(3e-6, 2.0, 0.3),
+    "segment": Size(1e-4, 2.0, 0.3),
+    "temperature": Size(3e-3, 2.0, 0.3),
+    "misfit": Size(3e-6, 2.0, 0.3),
+}
+"""Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
 LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
@@ -111,16 +113,11 @@ class _Scaled:
     def __init__(self, curves: Sequence[PressCurve], reference_degC: float) -> None:
         self.span = max(c.top_position_m - c.touch_m for c in curves)
         self.top = top = max(c.top_force_N_m for c in curves)
-        m = max(c.position_m.size for c in curves)
-
-        def padded(values: Iterable[Array]) -> Array:
-            return np.array([np.pad(x, (0, m - x.size)) for x in values])
-
-        self.used = padded(np.ones(c.position_m.size) for c in curves)  # 0 for padding
+        self.used = _padded([np.ones(c.position_m.size) for c in curves])  # 0 for padding
         # positions from where the force begins: numbers of order one
-        self.x = padded((c.position_m - c.touch_m) / self.span for c in curves)
-        self.f = padded(c.middle_N_m / top for c in curves)
-        self.turn = padded(c.turn_N_m / top for c in curves)  # what a reversal may add
+        self.x = _padded([(c.position_m - c.touch_m) / self.span for c in curves])
+        self.f = _padded([c.middle_N_m / top for c in curves])
+        self.turn = _padded([c.turn_N_m / top for c in curves])  # what a reversal may add
         self.zero = np.array(
             [[c.recorded.zero_u_N_m / top] for c in curves]
         )  # uncertainties (R, 1)
@@ -164,16 +161,14 @@ class _Scaled:
         self, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes, y0: Array, misfit: Array
     ) -> Mixed:
         """Linearise the model about k and p; the random effects are those at penetrations y0."""
-
-        def size(name: str, prior: Size) -> Size:
-            return Size(known[name]) if name in known else prior
-
+        size = {"noise": Size(self.noise, 0.7, 0.3), **PRIORS}
+        size |= {name: Size(value) for name, value in known.items()}
         used, s = self.used, y0 / np.max(y0 * self.used)
         _, F, columns = self.design(k, p, free)
-        shared = [Shared("law", columns), Shared("misfit", misfit, size("misfit", MISFIT))]
+        shared = [Shared("law", columns), Shared("misfit", misfit, size["misfit"])]
         if np.any(self.warmer):
             slope = F * self.warmer * used
-            shared.append(Shared("temperature", slope, size("temperature", TEMPERATURE)))
+            shared.append(Shared("temperature", slope, size["temperature"]))
         if not self.unloads:
             loop = np.stack([F, np.max(F) * s * (1.0 - s)], axis=-1) * used[..., None]
             shared.append(Shared("loop", loop, LOOP))
@@ -183,23 +178,26 @@ class _Scaled:
         near = np.exp(-np.abs(s[:, :, None] - s[:, None, :]) / CORRELATION)
         near = near * used[:, :, None] * used[:, None, :]
         own = [
-            Own("noise", size("noise", Size(self.noise, 0.7, 0.3)), diagonal=used),
-            Own("correlated", size("correlated", CORRELATED), covariance=near),
-            Own("segment", size("segment", SEGMENT), columns=F * used),
+            Own("noise", size["noise"], diagonal=used),
+            Own("correlated", size["correlated"], covariance=near),
+            Own("segment", size["segment"], columns=F * used),
             Own("zero", Size(1.0), columns=self.zero * used),
             Own("rounding", Size(ROUNDING), diagonal=used),
         ]
         return Mixed((self.f - F) * used, shared, own)
 
 
+def _padded(rows: Sequence[Array]) -> Array:
+    """Return rows of equal length, with zeros at their ends."""
+    m = max(row.size for row in rows)
+    return np.array([np.pad(row, (0, m - row.size)) for row in rows])
+
+
 def _smooth(s: Array) -> Array:
     """Return columns of a process with covariance exp(-(s - s')²/(2 l²)), shape (..., 12)."""
-
-    def kernel(a: Array, b: Array) -> Array:
-        return np.asarray(np.exp(-0.5 * ((a[..., None] - b) / SMOOTH) ** 2))
-
-    L = np.linalg.cholesky(kernel(KNOTS, KNOTS) + 1e-9 * np.eye(KNOTS.size))
-    return np.asarray(np.linalg.solve(L, kernel(s, KNOTS)[..., None])[..., 0])
+    of_knots, of_s = (np.exp(-0.5 * ((a[..., None] - KNOTS) / SMOOTH) ** 2) for a in (KNOTS, s))
+    L = np.linalg.cholesky(of_knots + 1e-9 * np.eye(KNOTS.size))
+    return np.asarray(np.linalg.solve(L, of_s[..., None])[..., 0])
 
 
 def fit_law(
@@ -280,17 +278,13 @@ def _mode(
     data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes
 ) -> tuple[Array, Array, Posterior]:
     """Return coefficients, contact points and the posterior; coefficients not free are zero."""
-    n = int(free.sum())
-
-    def at(q: Array) -> tuple[Array, Array]:
-        full = np.zeros(2)
-        full[free] = q[:n]
-        return full, q[n:]
-
+    n, place = int(free.sum()), np.eye(2)[:, free]
     y, _, columns = data.design(k, p, free)
     misfit, start = data.misfit(y, columns), np.append(k[free], p)
-    q, posterior = relinearised(lambda q: data.model(*at(q), free, known, y, misfit), start)
-    return *at(q), posterior
+    q, posterior = relinearised(
+        lambda q: data.model(place @ q[:n], q[n:], free, known, y, misfit), start
+    )
+    return place @ q[:n], q[n:], posterior
 
 
 def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
