@@ -26,7 +26,7 @@ from beltid.rig.forces import Motion, Points, State
 from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
-from beltid.rig.steady import lay_on
+from beltid.rig.runs import lay_on
 
 Array = NDArray[np.float64]
 

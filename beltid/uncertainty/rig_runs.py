@@ -24,7 +24,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import lay_on, slide, tension_sensitivity
+from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
 
