@@ -51,8 +51,7 @@ SETTLED = 5.0e-3  # largest relative difference between the last and the steady 
 def lay_on(model: RigModel) -> State:
     """Lay the belt on the pulley without friction and tighten it until the support force is T_0.
 
-    A ConvergenceError says that there is no equilibrium, also when T_0 is approached from higher
-    tensions; a NumericsError that it is meaningless.
+    A ConvergenceError says that there is no equilibrium, a NumericsError that it is meaningless.
     """
     T_0 = model.point.T_0
     by_stretch = np.array([[1.0, 0.0], [0.0, 0.0]])
@@ -226,7 +225,7 @@ def run_transient(
     if deviation > SETTLED:
         raise ConvergenceError(
             f"{describe(model.point)}: the plateau does not settle; its last tensions differ by "
-            f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)",
+            f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)"
         )
     return record, s
 
@@ -242,32 +241,26 @@ def at_rest(model: RigModel, laid: State) -> State:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of the simulation; an InputError lists all that are wrong."""
+    """Settings of the simulation; an InputError says what is wrong."""
 
     method: Method = "transient"  # in time from the belt at rest, or only the limit of sliding
     elements: int | None = None  # even; by default what the contact asks for
     friction_solver: Literal["newton", "lemke"] = "newton"  # return mapping, or the paper's LCP
 
     def __post_init__(self) -> None:
-        problems = []
         if self.method not in ("transient", "steady"):
-            problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
+            raise InputError(f"method = {self.method!r}, must be 'transient' or 'steady'")
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
-            problems.append(f"elements = {self.elements}, must be even and >= 4")
-        if problems:
-            raise InputError(problems)
+            raise InputError(f"elements = {self.elements}, must be even and >= 4")
 
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """One simulated run.
-
-    The ``recording`` of a transient run has time_s, tension_tight_N, tension_slack_N and
-    pulley_speed_rad_s.
-    """
+    """One simulated run."""
 
     model: RigModel
     sliding: State
+    # of a transient run: time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s
     recording: Mapping[str, Array] | None
     halvings: int  # of steps
     clamped_lookups: int  # contact points that slide outside the measured range of the surface
@@ -339,10 +332,7 @@ def simulate(
 def runs_of_one_belt(
     bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
 ) -> list[RunResult | BeltidError]:
-    """Simulate runs that differ in speed only; a run that fails is its error.
-
-    They share the laid-on and tightened belt; no result depends on the other runs.
-    """
+    """Simulate runs that differ in speed only on one laid-on belt; one that fails is its error."""
     try:
         model = bench.model(points[0], settings.elements)
         laid = lay_on(model)
