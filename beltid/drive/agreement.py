@@ -32,8 +32,7 @@ def compare_losses(
     that are complete and not in gross slip on the bench are ``usable`` (n,). Returned are more
     columns of the table, its facts, and whether the relative error is within tolerance, with
     predictions for at least half of the points that should count. The ``prominence`` is the largest
-    size of each part of the loss over the uncertainty of the difference: points of unknown
-    uncertainty do not count, a part over zero uncertainty is infinite.
+    size of each part of the loss over the uncertainty of the difference, where this is known.
     """
     torque, measured = np.abs(points["torque_N_m"]), points["loss_measured_rad_s"]
     predicted, predicted_u = points["loss_predicted_rad_s"], points["u_input_rad_s"]

@@ -19,8 +19,7 @@ from beltid.errors import ConvergenceError
 
 TOLERANCE = 2e-5  # relative, of a limit of a string
 ROD_TOLERANCE = 3e-3  # relative change at which a limit of rods is left
-# shares of a limit of rods at which they are solved next; nearer, most have no steady state. Four
-# rounds, from 0.999 on, would move a limit by up to 0.7 % and take three times as long
+# shares of a limit of rods at which they are solved next; nearer, most have no steady state
 BELOW, MOST_ROUNDS = (0.97, 0.9), 2
 STEP = 1.5  # ratio of two factors at which a limit is bracketed
 SMALLEST_FACTOR, LARGEST_FACTOR = 2.0**-20, 2.0**20
@@ -37,9 +36,8 @@ class SlipLimit(NamedTuple):
 def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     """Find the largest factors on the torques of a point, which must not all be zero.
 
-    Torques without a steady state count as not transmitted: just below gross slip the sliding speed
-    grows without bound with the torque. With rods the limit is that of the string with the
-    differences of rods and string of a state just below it.
+    Torques without a steady state count as not transmitted. With rods the limit is that of the
+    string with the differences of rods and string of a state just below it.
     """
     if point.omega < 0.0:
         forwards = replace(point.reversed(), omega=-point.omega)

@@ -17,8 +17,6 @@ from beltid.params import Belt
 
 Array = NDArray[np.float64]
 
-Installation = Literal["fixed_centres", "slack_force", "tensioner"]
-
 ARM_MISFIT = 0.03  # error of a tensioner pulley's distance from the pivot, over the arm length
 
 
@@ -65,7 +63,7 @@ class Drive:
     surface: FrictionSurface  # of the ribs, as measured
     pulleys: tuple[Pulley, ...]  # as the belt passes them, at least two
     driver: int = 0
-    installation: Installation = "fixed_centres"
+    installation: Literal["fixed_centres", "slack_force", "tensioner"] = "fixed_centres"
     tensioner: Tensioner | None = None  # only with the installation "tensioner"
     back_friction: float = 0.5  # coefficient of the back of the belt, which is rigid
     slow_trend: float = HALF_TREND  # share of the trend below the slowest measured speed, (D14)

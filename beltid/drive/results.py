@@ -72,10 +72,9 @@ class DriveResult:
 
     @property
     def speeds(self) -> dict[str, Array]:
-        """Speeds with the driver's sign and losses against idling (D10), nan where unknown [rad/s].
+        """Speeds with the driver's sign, losses against idling at the same speed, (D10) [rad/s].
 
-        The loss is the speed when idling less that under load, at the same speed of the driver; its
-        parts are due to strains, penetrations, and pulleys that slide as a whole.
+        Parts of the loss are due to strains, penetrations, and pulleys that slide as a whole.
         """
         driver, idling, speed = self.drive.driver, *map(self._magnitude, (self.idle, self.state))
         behind = [

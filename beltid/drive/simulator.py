@@ -4,8 +4,7 @@ A rod bends, and its ribs seat over some length. Spans longer than six bending l
 pulleys, so a drive is a chain of one-pulley maps coupled by span forces, flow and levers. The loop
 of the string is solved with the difference of rod and string added to each pulley (D12): torque,
 speed, stress-free length, and the part of the arc on which the belt can slide towards its exit.
-Then the rods are solved with its forces. This repeats until the forces no longer change, usually
-twice.
+Then the rods are solved with its forces, until these no longer change, usually twice.
 """
 
 from __future__ import annotations
@@ -58,10 +57,9 @@ def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
 
 
 class Simulator:
-    """Solve operating points of a drive; the belt at rest and the idling drive are cached.
+    """Solve operating points of a drive; pulleys on the rigid back of the belt stay strings.
 
-    Pulleys on the rigid back of the belt stay strings. An InputError says that rods have no contact
-    law: a rigid pulley has no bed.
+    An InputError says that rods have no contact law: a rigid pulley has no bed.
     """
 
     def __init__(self, drive: Drive, method: Method = "string") -> None:
@@ -81,11 +79,9 @@ class Simulator:
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
         """Find the steady state of a point, and of the drive that idles at its speed.
 
-        At a negative speed of the driver the belt runs against the order of the pulleys: the result
-        then contains the reversed drive and the reversed point. The search starts from a result at
-        the same point of a similar drive, if there is one ``near``. An InputError says that the
-        belt cannot be laid on or tightened as stated, a ConvergenceError that no steady state was
-        found.
+        At a negative speed of the driver the belt runs against the order of the pulleys. The search
+        starts from a result at the same point of a similar drive ``near``. An InputError says that
+        the belt cannot be laid on or tightened as stated, a ConvergenceError that none was found.
         """
         if point.omega < 0.0:
             return self.backwards._forwards(point.reversed(), near)
@@ -197,8 +193,8 @@ class Simulator:
         stretch, radius = seat(rod.tension, 0.0, s)
         own = 0.5 * float(rod.laid.u[0]) * rod.model.path.length
         own -= (rod.span + 0.5 * rod.wrap * radius) / stretch
-        without = self._bent(i, self.strings, np.array([rod.tension]), rod.span)[0]
-        return float((own - without) / (self.drive.belt.EI / rod.tension) ** 1.5)
+        own -= self._bent(i, self.strings, np.array([rod.tension]), rod.span)[0]
+        return float(own / (self.drive.belt.EI / rod.tension) ** 1.5)
 
     def _bent_arc(self, i: int, rest: RestState, rod: FlowState) -> float:
         """Return the arc of a string that holds what a bent belt does, (T15) [rad]."""

@@ -60,10 +60,7 @@ def coordinate(reference: float, value: Any) -> tuple[Any, Any]:
 
 
 def local(nodes: Any, cell: Any, x: Any) -> tuple[Any, Any]:
-    """Return the local coordinate in [0, 1] of x in a cell; beyond the ends, of the nearest node.
-
-    Its derivative in x is 0 beyond the ends.
-    """
+    """Return the local coordinate of x in a cell and its slope; 0 or 1 and 0 beyond the ends."""
     if nodes.size == 1:
         return 0.0 * x, 0.0 * x
     inside = np.minimum(np.maximum(x, nodes[0]), nodes[-1])
@@ -87,10 +84,7 @@ def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any
 
 
 def bounded_patches(x: Array, y: Array, z: Array) -> Array:
-    """Compute the coefficients of bounded patches through values z (nx, ny) at x (nx,), y (ny,).
-
-    With fewer than four nodes the spline has a lower degree.
-    """
+    """Compute the coefficients of bounded patches through values z (nx, ny) at x (nx,), y (ny,)."""
     if x.size == 1:  # represent a constant direction by one cell of width 1 with equal values
         x, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=0)
     if y.size == 1:
@@ -102,10 +96,7 @@ def bounded_patches(x: Array, y: Array, z: Array) -> Array:
 
 
 def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
-    """Evaluate a natural cubic spline that stays between neighbouring points, z at x (n,).
-
-    Positions ``at`` (m,) lie within the points; a single point has its value everywhere.
-    """
+    """Evaluate, within its points, a natural cubic spline that stays between neighbouring ones."""
     if x.size == 1:
         return np.full(at.shape, z[0])
     # between zero and three times the slope of the chord, the control points stay in the band

@@ -36,10 +36,9 @@ class Spans:
         """Compute the angle between the force T of a span and the tangent of the pulley [rad].
 
         The line of force of a bent belt passes the axis at a distance of ``R + EI / (2 R T)``. A
-        pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp bends the belt
-        over a length of ``sqrt(EI / T)`` and acts as if the span were shorter by this length. The
-        angle is at most `LARGEST_TURN`, also where T is not positive: a slack belt has no line of
-        force.
+        pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp acts as if the
+        span were shorter by ``sqrt(EI / T)``. The angle is at most `LARGEST_TURN`, also where T is
+        not positive.
         """
         tension = np.asarray(T, dtype=float)
         if self.EI == 0.0:

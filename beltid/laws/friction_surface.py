@@ -295,10 +295,9 @@ class FrictionSurface:
 def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTables:
     """Continue a surface below its slowest speed, (D14); one with one speed, or from 0, stays.
 
-    A drive mostly slides more slowly than the rig. There are two limits: mu keeps its value at the
-    slowest speed (share 0), or continues with its trend there (share 1). Half of the trend is the
-    mean if the truth is equally likely anywhere between them, and their difference over sqrt(12)
-    the standard uncertainty.
+    There are two limits: mu keeps its value at the slowest speed (share 0), or continues with its
+    trend there (share 1). Half of the trend is the mean if all between them is equally likely, and
+    their difference over sqrt(12) the standard uncertainty.
 
     ``mu = mu_1 [(v/v_1 + REST)/(1 + REST)]^(share p)`` with ``p = d ln mu/d ln v`` at the slowest
     speed ``v_1``: positive, monotonic, and smooth down to rest. ``share`` is 0 to 1 [-].

@@ -2,7 +2,7 @@
 
 A bench (``model``) becomes a belt of ANCF elements (``mesh``) on a pulley, with the ``forces`` of
 Eqs. (1) to (4) and (9) to (11). ``newton`` finds one equilibrium and marches through many; ``lcp``
-solves the same step as the paper's complementarity problem, (11), (12). ``steady`` lays the belt on
-and slides it, ``runs`` turns the pulley in time, for one run or a campaign, and ``flow`` lets the
-belt run over a turning pulley, for the drive.
+solves the same step as the paper's complementarity problem, (11), (12). ``runs`` lays the belt on,
+slides it and turns the pulley in time, for one run or a campaign, and ``flow`` lets the belt run
+over a turning pulley, for the drive.
 """

@@ -25,7 +25,7 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.forces import Motion, Points, State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
-from beltid.rig.steady import lay_on
+from beltid.rig.runs import lay_on
 
 Array = NDArray[np.float64]
 
@@ -121,8 +121,7 @@ def flow(
 
     Without T_out the speed ``omega`` of the pulley [rad/s] is given, to reach points at which the
     whole arc slides. The iteration starts from a similar state of the same pulley, ``start``. A
-    ConvergenceError says that no steady state was found, for example with forces that friction
-    cannot hold.
+    ConvergenceError says that none was found, as with forces that friction cannot hold.
     """
     contact = pulley.model.system.pulley._replace(surface=pulley.surface)
     system = pulley.model.system._replace(pulley=contact)

@@ -123,8 +123,12 @@ def step_by_lemke(
             return iteration, error
         if not factorize(s.A, s.pivots):
             break
-        # the step without new friction, the responses to its forces, and a movement of the ends
-        W = _directions(system, s, at)
+        # W_T, then the step without new friction, with its forces, with a movement of the ends
+        W, theta = np.zeros((s.q.size, slip.size)), now["theta"][at]
+        for i, (el, c) in enumerate(zip(*at, strict=True)):
+            W[4 * el : 4 * el + 8 : 2, i] = system.mesh.N[el, c] * np.cos(theta[i])
+            W[4 * el + 1 : 4 * el + 8 : 2, i] = -system.mesh.N[el, c] * np.sin(theta[i])
+        W[[0, 1, -4, -3]] = 0.0
         x = np.vstack([-s.r, W.T, -s.columns[1]])
         at_supports, moved = np.zeros((len(x), 4)), np.zeros(len(x) - 1)
         for load, out in zip(x, at_supports, strict=True):
@@ -147,14 +151,3 @@ def step_by_lemke(
         now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
     last[:] = before
     return -1, error
-
-
-def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:
-    """Return W_T: what the friction forces of the touching points do, shape (n, m)."""
-    theta, W = s.now["theta"][at], np.zeros((s.q.size, at[0].size))
-    for i, (el, c) in enumerate(zip(*at, strict=True)):
-        W[4 * el : 4 * el + 8 : 2, i] = system.mesh.N[el, c] * np.cos(theta[i])
-        W[4 * el + 1 : 4 * el + 8 : 2, i] = -system.mesh.N[el, c] * np.sin(theta[i])
-    for row in (0, 1, -4, -3):
-        W[row] = 0.0
-    return W

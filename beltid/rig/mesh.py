@@ -109,12 +109,11 @@ def bending_length(EI: float, T: float) -> float:
 def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:
     """Compute where a tightened belt first touches, in closed form: a beam on an elastic bed.
 
-    The gap to the pulley obeys ``EI u'''' - T u'' + k (u + delta_0) = 0`` in contact, with the
-    penetration ``delta_0`` of the pressure T/R and the stiffness k there; in the span the curvature
-    decays as ``exp(d/l)``. Curvature, shear and slope are continuous where u = 0. Returned are the
-    path coordinate of the first contact from the tangent point towards the arc [m], the length over
-    which the pressure grows from zero to its value on the arc [m], and the growth of the
-    penetration over the path at the first contact [-].
+    The gap to the pulley obeys ``EI u'''' - T u'' + k (u + delta_0) = 0`` in contact; in the span
+    the curvature decays as ``exp(d/l)``; curvature, shear and slope are continuous where u = 0.
+    Returned are the path coordinate of the first contact from the tangent point towards the arc
+    [m], the length over which the pressure grows from zero to its value on the arc [m], and the
+    growth of the penetration over the path at the first contact [-].
     """
     EI, R = belt.EI, rig.R
     delta = float(law.penetration(T / R))

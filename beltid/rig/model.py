@@ -25,20 +25,6 @@ STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force,
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
 
 
-def turning(rig: Rig, point: OperatingPoint) -> Border:
-    """Return what is given while the pulley turns, and which way the ends then move."""
-    along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
-    weights, moves = {
-        "none": ((0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
-        "tight": ((1.0, 0.0), (-along, -down, 0.0, 0.0)),
-        "slack": ((0.0, 1.0), (0.0, 0.0, along, -down)),
-        # relative to the pulley, which stays at the origin
-        "hub": ((1.0, 1.0), (0.0, -1.0, 0.0, -1.0)),
-    }[rig.given_force]
-    given = np.array([0.0, sum(weights) * point.T_0])
-    return Border(np.array([(0.0, 0.0), weights]), given, np.array(moves))
-
-
 @dataclass(frozen=True, slots=True)
 class RigModel:
     """Belt, pulley and supports on the mesh of one run."""
@@ -106,4 +92,13 @@ class Bench:
             across=np.array([[-down, along], [down, along]]),
             h_min=float(np.diff(nodes).min()),
         )
-        return RigModel(path, point, nodes, system, turning(rig, point))
+        weights, moves = {  # what is given while the pulley turns, and how the ends then move
+            "none": ((0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
+            "tight": ((1.0, 0.0), (-along, -down, 0.0, 0.0)),
+            "slack": ((0.0, 1.0), (0.0, 0.0, along, -down)),
+            # relative to the pulley, which stays at the origin
+            "hub": ((1.0, 1.0), (0.0, -1.0, 0.0, -1.0)),
+        }[rig.given_force]
+        given = np.array([0.0, sum(weights) * point.T_0])
+        border = Border(np.array([(0.0, 0.0), weights]), given, np.array(moves))
+        return RigModel(path, point, nodes, system, border)

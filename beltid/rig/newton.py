@@ -156,8 +156,7 @@ def equilibrium(
 ) -> tuple[int, float]:
     """Solve one static equilibrium or one implicit step from ``s.q_old``, ``s.q_dot``, ``s.u``.
 
-    The state is overwritten by the solution, after ``most`` iterations at most. Returned are their
-    number, -1 if there is no solution, and the largest force that is left over T_A [-].
+    Returned are the iterations, -1 if there is no solution, and the largest force left over T_A.
     """
     n, rate, h_min, R, error = s.q.size, motion.rate, system.h_min, system.pulley.R, math.inf
     stiffest = (1.0 + system.belt.damping_time * rate) * system.belt.EA / h_min
@@ -223,15 +222,10 @@ def march(
     record: NDArray[np.void],
     solver: Callable[..., tuple[int, float]] = equilibrium,
 ) -> int:
-    """Take the steps of a record from ``s.q``, ``s.q_dot``, ``s.last``; return how many succeeded.
-
-    A step that has no solution is taken in two, four, eight ... parts.
-    """
+    """Take the steps of a record, in two, four, ... parts if need be; return how many succeeded."""
     s.now[:] = s.last
-    names = ("force", "iterations", "halvings", "residual")
-    force, iterations, halvings, residual = (record[name] for name in names)
-    given = zip(record["dt"].tolist(), record["omega"].tolist(), strict=True)
-    for number, (dt, omega) in enumerate(given):
+    dts, omegas, force, iterations, halvings, residual = (record[name] for name in STEP.names or ())
+    for number, (dt, omega) in enumerate(zip(dts.tolist(), omegas.tolist(), strict=True)):
         parts, done = 1, 0
         while done < parts:
             s.q_old[:], moved = s.q, s.u[1]

@@ -36,7 +36,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import lay_on, slide, tension_sensitivity
+from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,

@@ -15,7 +15,7 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.banded import HALF
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.steady import lay_on, slide
+from beltid.rig.runs import lay_on, slide
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 from rig_bench import LAW_5PK, at, bench, slid, surface_5pk
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.rig.steady import slide, tension_sensitivity
+from beltid.rig.runs import slide, tension_sensitivity
 
 KINDS = [("none", "pinned"), ("none", "clamped"), ("tight", "pinned"), ("hub", "pinned")]
 
