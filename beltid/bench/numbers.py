@@ -12,7 +12,7 @@ after a date; ISO; offsets such as +02:00, Z and UTC. Time stamps of Arrow and E
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -161,13 +161,6 @@ def is_date(cell: str) -> bool:
 def is_clock(cell: str) -> bool:
     """Return whether a cell is a time of day, with or without a date and a zone."""
     return len(cell) <= 80 and bool(_CLOCK.fullmatch(cell.strip()))
-
-
-def written_as(cells: Sequence[str]) -> str:
-    """Classify the first filled cells of a column: "date", "clock", or "" for anything else."""
-    if cells and all(map(is_date, cells)):
-        return "date"
-    return "clock" if cells and is_clock(cells[0]) else ""
 
 
 def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
