@@ -91,7 +91,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
         columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at)
-        notes += clock.notes()
+        notes.append(clock.note)
     _fill(part, stated, needs)
     return part
 

@@ -257,10 +257,11 @@ class Clock:
     def _report(self, at: tuple[str, int], what: str) -> None:
         self.problems.add(f"{at[0]}: {self.name} {what}", at[1])
 
-    def notes(self) -> list[str]:
-        """Return a note on how the time was obtained."""
+    @property
+    def note(self) -> str:
+        """How the time was obtained."""
         past = f", {self.midnights} times past midnight" if self.midnights else ""
-        return [f"{self.name}: seconds are counted from the first, {self.first}{past}"]
+        return f"{self.name}: seconds are counted from the first, {self.first}{past}"
 
 
 def _shown(seconds: float) -> str:
