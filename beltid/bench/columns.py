@@ -91,7 +91,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         labels = columns.get(needs.table.label, np.zeros(len(part)))
         codes = np.asarray(pd.factorize(labels)[0])
         columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at)
-        notes += clock.notes()
+        notes.append(clock.note)
     _fill(part, stated, needs)
     return part
 
@@ -161,8 +161,15 @@ def _stated(
         pattern = name_pattern(needs.pattern)
         values = next(filter(None, map(pattern.values, names)), {})
         for role in {*values} & {*SETTINGS, table.label} & {*table.names}:
-            unit = pattern.units.get(role, table.column(role).unit)
-            told[role] = _of_name(values[role], table.column(role), unit, place, needs.problems)
+            column, told[role] = table.column(role), values[role]
+            unit = pattern.units.get(role, column.unit)
+            try:
+                if column.dtype != "string":
+                    by = CONVERSIONS[column.unit][canonical_unit(unit)]
+                    told[role] = by.apply(number_in_name(values[role]))
+            except (KeyError, ValueError):
+                said = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
+                needs.problems.add(f"{place}: {said}")
         if not values and not is_complete:
             stated = f'runs.{table.kind}.pattern = "{needs.pattern}"'
             needs.problems.add(f"{place}: the name does not match {stated}")
@@ -175,18 +182,6 @@ def _stated(
         if role not in found and role not in told:
             told |= _of_head(matches, needs, place, notes)
     return {role: value for role, value in told.items() if role in table.names}
-
-
-def _of_name(text: str, column: Column, unit: str, place: str, problems: Problems) -> Any:
-    """Return a label or setting that a pattern found in a name."""
-    if column.dtype == "string":
-        return text
-    try:
-        return CONVERSIONS[column.unit][canonical_unit(unit)].apply(number_in_name(text))
-    except (KeyError, ValueError):
-        found = f'{column.name} = "{text}" in the name, must be a number in {unit}'
-        problems.add(f"{place}: {found}")
-        return np.nan
 
 
 def _of_head(
@@ -276,7 +271,10 @@ def _aligned(
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
     place = first.place
-    seconds = {of: _past_midnights(time, written) for of, (time, written) in times.items()}
+    seconds = {of: written.copy() for of, (_, written) in times.items()}
+    for of, own in seconds.items():
+        if times[of][0].is_clock:
+            own += DAY_S * np.cumsum(np.diff(own, prepend=own[:1]) < -DAY_S / 2)  # past midnight
     time = seconds[id(first)]
     masters = [seconds[id(found[r].channel.raw)] for r in MASTERS if r in found] or [time]
     begin, end = max(t[0] for t in masters), min(t[-1] for t in masters)
@@ -309,9 +307,3 @@ def _aligned(
     if not kept.all():
         notes.append(f"{(~kept).sum()} samples outside the time shared by the sensors left out")
     return columns, np.flatnonzero(kept)
-
-
-def _past_midnights(time: Found, seconds: np.ndarray) -> np.ndarray:
-    """Return clock times that go on past midnight."""
-    nights = np.diff(seconds, prepend=seconds[:1]) < -DAY_S / 2
-    return seconds + DAY_S * np.cumsum(nights) if time.is_clock else seconds

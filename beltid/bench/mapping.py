@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.numbers import NumberSigns, written_as
+from beltid.bench.numbers import NumberSigns, is_clock, is_date
 from beltid.bench.raw import (
     IN_NAME,
     POSITION,
@@ -138,7 +138,10 @@ class Channel:
     @cached_property
     def written(self) -> str:
         """How its first cells are written: "clock", "date" or "" for anything else."""
-        return written_as(first_texts(self.values))
+        cells = first_texts(self.values)
+        if cells and all(map(is_date, cells)):
+            return "date"
+        return "clock" if cells and is_clock(cells[0]) else ""
 
     @property
     def base(self) -> str:
@@ -295,7 +298,13 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
     """Return the one channel that fits, with the conversion to our unit; report what is unclear."""
     match, column = matches[0], needs.table.column(matches[0].role)
     if len(matches) > 1:
-        needs.problems.add(f"{place}: {_ambiguous(matches, needs)}")
+        names = [f'"{each.channel.name}"' for each in matches]
+        can_be = ", ".join(each.channel.shown for each in matches[:8])
+        say = needs.say("columns", column.name, names[0])
+        if column.name == "force_N":  # two forces and a travel are not always those of a press
+            of_rig = f"{{tension_tight_N: {names[0]}, tension_slack_N: {names[1]}}}"
+            say += f"; if it is a friction rig: columns: {{rig: {of_rig}}}"
+        needs.problems.add(f"{place}: {can_be} can be {column.name}, say which: {say}")
         return None
     if column.dtype == "string" or match.is_clock:
         return replace(match, stated=match.is_clock)
@@ -307,20 +316,6 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
     known = by if isinstance(by, Conversion) else Conversion(1.0)
     signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
     return replace(match, by=signed, stated=isinstance(by, Conversion))
-
-
-def _ambiguous(matches: Sequence[Found], needs: Needs) -> str:
-    """Return the message that several channels can be a column."""
-    role, channels = matches[0].role, [match.channel for match in matches]
-    names = [c.name for c in channels]
-    say = needs.say("columns", role, f'"{names[0]}"')
-    text = f"{', '.join(c.shown for c in channels[:8])} can be {role}, say which: {say}"
-    if role == "force_N":  # two forces and a travel are not always those of a press
-        text += (
-            f'; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{names[0]}", '
-            f'tension_slack_N: "{names[1]}"}}}}'
-        )
-    return text
 
 
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:

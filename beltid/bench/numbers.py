@@ -12,7 +12,7 @@ after a date; ISO; offsets such as +02:00, Z and UTC. Time stamps of Arrow and E
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -163,13 +163,6 @@ def is_clock(cell: str) -> bool:
     return len(cell) <= 80 and bool(_CLOCK.fullmatch(cell.strip()))
 
 
-def written_as(cells: Sequence[str]) -> str:
-    """Classify the first filled cells of a column: "date", "clock", or "" for anything else."""
-    if cells and all(map(is_date, cells)):
-        return "date"
-    return "clock" if cells and is_clock(cells[0]) else ""
-
-
 def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nanoseconds from 1970 or midnight, what is no such time, and day or month."""
     parts = texts.str.extract(_CLOCK)
@@ -264,10 +257,11 @@ class Clock:
     def _report(self, at: tuple[str, int], what: str) -> None:
         self.problems.add(f"{at[0]}: {self.name} {what}", at[1])
 
-    def notes(self) -> list[str]:
-        """Return a note on how the time was obtained."""
+    @property
+    def note(self) -> str:
+        """How the time was obtained."""
         past = f", {self.midnights} times past midnight" if self.midnights else ""
-        return [f"{self.name}: seconds are counted from the first, {self.first}{past}"]
+        return f"{self.name}: seconds are counted from the first, {self.first}{past}"
 
 
 def _shown(seconds: float) -> str:

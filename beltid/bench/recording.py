@@ -187,10 +187,7 @@ def _simulated(path: Path, kind: str) -> Recording | None:
 
 
 def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
-    """Return columns in our names and units as a DataFrame, marked as such for `recording_in`.
-
-    ``.attrs["notes"]`` of the frame holds the notes.
-    """
+    """Return columns in our names and units as a DataFrame, marked as such, its notes in attrs."""
     frame = pd.DataFrame(columns)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame

@@ -117,30 +117,23 @@ def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind):
         np.testing.assert_allclose(columns["time_s"], run["time_s"], rtol=0, atol=1e-9)
 
 
-def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
-    from openpyxl import Workbook
+def test_hidden_sheets_are_left_out_and_a_word_among_numbers_has_a_place(tmp_path):
+    from openpyxl import load_workbook
 
-    book = Workbook()
-    book.active.title = "Info"
-    book.active.append(["Prüfer", "NN"])
-    for label in ("A", "B"):
-        sheet = book.create_sheet(label)
-        sheet.append(["Zeit [s]", "Weg [mm]", "Kraft [N]"])
-        for i in range(8):
-            sheet.append([float(i), 0.1 * i, 5.0 * i])
-    book.save(tmp_path / "press.xlsx")
-    recording = read_recording(tmp_path / "press.xlsx", "press")
-    assert recording.columns["test"].tolist() == ["A"] * 8 + ["B"] * 8
-    assert any("sheet Info left out" in note for note in recording.notes)
+    path = tmp_path / "press.xlsx"
+    rows = [["Zeit [s]", "Weg [mm]", "Kraft [N]"], *([i, 0.1 * i, 5.0 * i] for i in range(8))]
+    w.workbook(path, {"A": rows, "B": rows})
+    assert read_recording(path, "press").columns["test"].tolist() == ["A"] * 8 + ["B"] * 8
+    book = load_workbook(path)
     book["A"].sheet_state = "hidden"
-    book.save(tmp_path / "press.xlsx")
-    recording = read_recording(tmp_path / "press.xlsx", "press")
+    book.save(path)
+    recording = read_recording(path, "press")
     assert len(recording.columns["test"]) == 8
     assert any("sheet A left out" in note for note in recording.notes)
     book["B"]["C5"] = "overload"
-    book.save(tmp_path / "press.xlsx")
+    book.save(path)
     with pytest.raises(InputError, match=r'press\.xlsx:5: force_N .* = "overload", must be a'):
-        read_recording(tmp_path / "press.xlsx", "press")
+        read_recording(path, "press")
 
 
 @pytest.mark.parametrize("told", [{"Slope": 0.02, "offset": -1.0}, {"Slope": 1.0, "serial": 7.0}])
