@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.report.cells import axis, quantity
 from beltid.report.results import LABELS, BeltResults, Sheet
+from beltid.report.summary import axis, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

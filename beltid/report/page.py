@@ -13,9 +13,9 @@ import numpy as np
 from beltid._version import __version__
 from beltid.errors import printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
-from beltid.report.cells import Table, sentence, table
 from beltid.report.charts import CHARTS, Picture, inline_svg
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
+from beltid.report.summary import Table, sentence, table
 from beltid.report.verdict import Verdict, conditions, verdict_of
 from beltid.report.view import TITLES, chosen, grid, summary_of
 

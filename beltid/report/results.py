@@ -11,7 +11,7 @@ import numpy as np
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.cells import cell
+from beltid.report.summary import cell
 from beltid.store.artifact import Artifact, combined_origin
 
 if TYPE_CHECKING:

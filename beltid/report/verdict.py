@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from beltid.errors import percent
-from beltid.report.cells import between, cell, scientific, sentence
 from beltid.report.results import (
     COMPARED,
     LABELS,
@@ -20,6 +19,7 @@ from beltid.report.results import (
     load_name,
     settings_of,
 )
+from beltid.report.summary import between, cell, scientific, sentence
 
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""

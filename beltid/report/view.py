@@ -14,9 +14,8 @@ import numpy as np
 
 from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
 from beltid.identify.estimators import snap_to_settings
-from beltid.report.cells import between, cell
 from beltid.report.results import Sheet, sheet_of
-from beltid.report.summary import Rows, Summary, rows_of, show
+from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
 from beltid.store.artifact import Artifact
 
 FEW: Final = 16  # number of rows up to which a table is shown as it is

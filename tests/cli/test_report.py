@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from beltid.report.cells import cell, name_and_unit
-from beltid.report.summary import Summary, show
+from beltid.report.summary import Summary, cell, name_and_unit, show
 from beltid.tables import schemas
 
 
@@ -37,6 +36,7 @@ def test_units_shown_are_those_of_the_tables() -> None:
         ("mu", None, "-"),
         ("swapped", True, "yes"),
         ("mu_range", (0.5, 1.25), "0.5000 to 1.2500"),
+        ("mu_range", [0.9236, 0.9236], "0.9236"),
         ("arcs_deg", [40.0, 82.0], "40, 82"),
         ("rms_percent", 3.71834, "3.72"),
     ],

@@ -192,7 +192,7 @@ def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
     at = line(over_speed.figure.axes[0], "one")
     assert at[0] == pytest.approx((2.5, 1.05 * (1.2 - 0.2 + 0.025)))
     (why,) = CHARTS["belts-force"].pictures([results(surface=None, surface_refined=None)])
-    assert why == "Friction of every belt over normal force: no folder has a surface.parquet"
+    assert why == "Friction of every belt over the force: no folder has a surface.parquet"
 
 
 def test_the_same_data_give_the_same_bytes_and_names_within_a_figure_are_its_own() -> None:

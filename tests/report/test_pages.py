@@ -18,13 +18,11 @@ from report_belt_data import (
     sheets,
     source,
     stating,
-    surface,
     validation,
     write,
 )
 
 from beltid.errors import ArtifactError, InputError
-from beltid.report.cells import cell
 from beltid.report.page import (
     Section,
     belt_page,
@@ -157,17 +155,6 @@ def test_measured_inferred_and_extrapolated_ranges_are_distinguished(
     table = tabulated(sheets()["surface_refined"], "nodes")
     assert table is not None
     assert [row[1] for row in table.rows] == ["inferred", "measured", "measured", "inferred"]
-
-
-def test_a_single_run_has_no_ranges_at_all() -> None:
-    columns = {name: values[:1] for name, values in surface().items()}
-    one_run = replace(sheets()["surface_refined"], columns=columns)
-    sheet = stating(one_run, measured={"normal_force_N_m": [7983.4, 7983.4]})
-    verdict = verdict_of(results(surface_refined=sheet))
-    told = dict(verdict.results)
-    assert any("7983 N/m" in limit for limit in verdict.trust)
-    assert not re.search(r"(\S+) to \1\b", " ".join((*verdict.trust, *told.values())))
-    assert cell("mu_range", [0.9236, 0.9236]) == "0.9236"
 
 
 def test_gallery_has_every_run_at_one_scale_and_marks_those_set_aside(page: str) -> None:

@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.report import charts
-from beltid.report.cells import scientific
 from beltid.report.charts import NotDrawn, chart, draw, draw_groups, group
 from beltid.report.results import UNKNOWN_TENSION, BeltResults, Sheet, load_name, series_of
+from beltid.report.summary import scientific
 
 MILLI: Final = 1e3
 BRANCHES: Final = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}

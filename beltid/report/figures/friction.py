@@ -15,7 +15,6 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report import charts
-from beltid.report.cells import axis, quantity, sentence
 from beltid.report.charts import NotDrawn, chart, draw
 from beltid.report.figures.bench import MILLI, POINTS, TALL
 from beltid.report.results import (
@@ -30,6 +29,7 @@ from beltid.report.results import (
     is_setting,
     settings_of,
 )
+from beltid.report.summary import axis, quantity, sentence
 
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
@@ -213,12 +213,9 @@ def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tu
     return f"Friction over {quantity(along)[0]}, at {label}", said
 
 
-chart("belts-force", "Friction of every belt over normal force")(
-    partial(_cut, along=FORCE, across=SPEED)
-)
-chart("belts-speed", "Friction of every belt over sliding speed")(
-    partial(_cut, along=SPEED, across=FORCE)
-)
+for _key, _along, _across in (("force", FORCE, SPEED), ("speed", SPEED, FORCE)):
+    _draw = partial(_cut, along=_along, across=_across)
+    chart(f"belts-{_key}", f"Friction of every belt over the {_key}")(_draw)
 
 
 @chart("averaged:{name}", "Measured against simulated (Fig. 17)", HELD_OUT, *COMPARED)
@@ -230,9 +227,7 @@ def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     data["se"] = _scatter(sheet, data)
     data[SPEED] = np.abs(data["pulley_speed_rad_s"]) * sheet.pulley_radius_m  # in either sense
     said = "Means over the arcs. Squares: measured, with two standard errors; circles: simulated"
-    refined = sheet.name == "compare_refined"
-    own = "" if sheet.name == HELD_OUT else "surface_refined" if refined else "surface"
-    surface, band = results.get(own), ""
+    surface, band = results.get(dict(zip(COMPARED, SURFACES, strict=True)).get(sheet.name, "")), ""
     if surface is not None:
         band, data["band"] = "band", surface.surface.mu_se_at(data[FORCE], data[SPEED])
         said += f"; band: twice the {surface.uncertainty} of the surface"
