@@ -37,7 +37,6 @@ from beltid.uncertainty.simulated import (
     MESH,
     Campaign,
     RigRuns,
-    input_slopes,
     residual_changes,
     simulated_runs,
 )
@@ -202,8 +201,7 @@ def simulate_candidates(
     shared = {key: np.full((arc.size, 1), value) for key, value in columns.items()}
     shared[ARC] = done.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
     campaign = replace(campaign, measured=replace(runs, columns=shared))
-    slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
-    S = residual_changes(campaign, sources, slopes, done.speed_slope)
+    S, _ = residual_changes(campaign, sources, surfaces, speeds, done.speed_slope)
     return RunRows(done.J, S, noise.variance(runs), arc), runs, curves
 
 

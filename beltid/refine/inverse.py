@@ -36,7 +36,7 @@ from beltid.refine.posterior import (
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.simulated import Campaign, RigRuns, input_slopes, residual_changes
+from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -133,9 +133,8 @@ def refine_surface(
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
     told, left, runs = (np.zeros(0), np.zeros(0)), list(sources), fit.runs
     if sources:
-        by_speed, surfaces = fit.sweep.speed_slope, curves.surfaces(parameters)
-        slopes = input_slopes(campaign, surfaces, problem.rig.speeds, by_speed)
-        changes = residual_changes(campaign, sources, slopes, by_speed)
+        at = curves.surfaces(parameters), problem.rig.speeds, fit.sweep.speed_slope
+        changes, _ = residual_changes(campaign, sources, *at)
         runs = replace(runs, shared=-changes)
         mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
         told = mean, np.sqrt(np.diag(covariance))

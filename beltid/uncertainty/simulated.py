@@ -179,30 +179,28 @@ class RigRuns:
             yield run, slide(run, laid), surfaces[j]
 
 
-def input_slopes(
-    campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
-) -> Array:
-    """Compute derivatives of the simulated ln mu of each run by the ln of each input (n, 8).
-
-    `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
-    of each run by ln v (n,).
-    """
-    rig, inputs = RigRuns(campaign, speeds, MESH), campaign.inputs(campaign.measured)
-    nominal, steps = rig.log_mu(surfaces, speed_slope), 1.0 + STEP * np.eye(len(INPUTS))
-    stepped = (RigRuns(campaign, speeds, rig.models, inputs * step) for step in steps)
-    columns = [near.log_mu(surfaces, speed_slope) - nominal for near in stepped]
-    return np.asarray(np.column_stack(columns) / np.log1p(STEP))
-
-
 def residual_changes(
-    campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
-) -> Array:
+    campaign: Campaign,
+    sources: Sequence[Source],
+    surfaces: Sequence[FrictionSurface],
+    speeds: Array,
+    speed_slope: Array,
+    exact: bool = False,
+) -> tuple[Array, Array]:
     """Compute the change of measured minus simulated ln mu by one u of each source (n, K).
 
-    With the derivatives of the simulated ln mu of :func:`input_slopes`, (n, 8) and (n,).
+    `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
+    of each run by ln v (n,). Also returned are the derivatives of the simulated ln mu by the ln of
+    `INPUTS` (n, 8), zero if these are `exact`.
     """
-    before = campaign.measured
+    before, slopes = campaign.measured, np.zeros((campaign.measured.mu.size, len(INPUTS)))
     inputs = campaign.inputs(before)
+    if not exact:
+        rig, steps = RigRuns(campaign, speeds, MESH), 1.0 + STEP * np.eye(len(INPUTS))
+        nominal = rig.log_mu(surfaces, speed_slope)
+        for k, step in enumerate(steps):
+            near = RigRuns(campaign, speeds, rig.models, inputs * step)
+            slopes[:, k] = (near.log_mu(surfaces, speed_slope) - nominal) / np.log1p(STEP)
 
     def residual(errors: Errors) -> Array:
         """Return the residual with errors corrected, less that without."""
@@ -214,7 +212,7 @@ def residual_changes(
         simulated += speed_slope * np.log(after.slip_speed / before.slip_speed)
         return np.asarray(np.log(after.mu / before.mu) - simulated)
 
-    return changes_by(sources, residual)
+    return changes_by(sources, residual), slopes
 
 
 DIGITS: Final = 5  # of what is stored
@@ -306,13 +304,11 @@ def simulated_uncertainty(
     arc = campaign.measured.arc
     by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
     measured = replace(campaign.measured, tight=tight, slack=slack, mu=mu, columns=by_arc)
-    slopes, remaining = np.zeros((n, len(INPUTS))), np.zeros(n)
-    if not same_bench:
-        slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
-        # build-up that is left at the end of a simulated run, and error of its time steps
-        remaining = np.abs(np.log(campaign.measured.mu / mu))
+    # build-up that is left at the end of a simulated run, and error of its time steps
+    remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
     campaign = replace(campaign, measured=measured)
-    difference = by_surface - residual_changes(campaign, sources, slopes, speed_slope)
+    changes, slopes = residual_changes(campaign, sources, surfaces, speeds, speed_slope, same_bench)
+    difference = by_surface - changes
     finer = RigRuns(campaign, speeds, [2 * (model.nodes.size - 1) for model in rig.models])
     by_mesh = np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu))
     return RunsUncertainty(
