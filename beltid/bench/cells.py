@@ -41,7 +41,6 @@ TOP: Final = 1 << 18  # bytes in which the header is searched
 BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
-Bytes = bytes | bytearray
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
@@ -132,18 +131,16 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
 
 def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
-    data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
-        file.readinto(data)
-    data, encoding, notes = as_utf8(data, place, dialect.encoding)
-    top = _top(data, place)
+        file.readinto(body)
+    body, encoding, notes = as_utf8(body, place, dialect.encoding)
+    top = _top(body, place)
     kept = ["" if i < dialect.skip_lines else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect)
     if separator != "," and not dialect.separator:
         notes.append(f"separator {separator!r} found in the header")
-    del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
-    body: Bytes = data
-    del data
+    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -151,7 +148,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
     if separator == " ":
-        body = _SPACING.sub(b"", body)
+        body = bytearray(_SPACING.sub(b"", body))
     cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
@@ -238,7 +235,7 @@ def split(line: str, sign: str) -> list[str]:
     """Split a line into cells."""
     try:
         return line.split() if sign == " " else next(csv.reader([line], delimiter=sign), [])
-    except csv.Error:
+    except csv.Error:  # a cell that is too long
         return [line]
 
 
@@ -250,7 +247,7 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
+def _first_cells(body: bytearray, separator: str) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column, without remarks (# and few cells)."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
@@ -284,7 +281,7 @@ def _signs(
     return signs
 
 
-def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
+def _lines(body: bytearray, first_line: int) -> Sequence[int] | np.ndarray:
     """Return the line of every row that is not blank."""
     if b"\n\n" not in body and body[:1] != b"\n":
         return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
@@ -295,7 +292,7 @@ def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
 
 
 def _by_arrow(
-    body: Bytes,
+    body: bytearray,
     names: Sequence[str],
     numeric: Collection[str],  # the others are texts
     signs: tuple[str, str],  # between cells, of decimals

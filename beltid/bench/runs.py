@@ -252,16 +252,16 @@ class Checker:
         first = np.full(codes.max() + 2, nothing, values.dtype)
         first[codes[begins]] = values[begins]
         first = first[codes]
-        differ = (values != first) & stated
+        rows = np.flatnonzero((values != first) & stated)
         if values.dtype != object:
-            differ &= ~np.isclose(values, first, rtol=1e-6, atol=0.0)
-        changes = pd.Series(codes).where(differ)
-        self._report(
-            (changes.notna() & ~changes.duplicated()).to_numpy(),
+            rows = rows[~np.isclose(values[rows], first[rows], rtol=1e-6, atol=0.0)]
+        self.problems.add_alike(
+            rows[~pd.Series(codes[rows]).duplicated().to_numpy()],
             lambda i: (
                 f"{name} = {shown_value(values[i])}, must stay {shown_value(first[i])} within "
                 f"{self.table.label} {self.label[i]} (is the label used twice?)"
             ),
+            self.place,
         )
         self.columns[name] = np.where(stated | (codes < 0), values, first)
 
