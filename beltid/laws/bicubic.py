@@ -14,6 +14,7 @@ elsewhere it is C1.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -112,11 +113,9 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
     hx, hy = np.diff(x)[:, None], np.diff(y)
     by_x = (z, zx), (zy, zxy)
     corner = np.empty((x.size - 1, y.size - 1, 4, 4))
-    for a, rows in enumerate((slice(None, -1), slice(1, None))):
-        for b, cols in enumerate((slice(None, -1), slice(1, None))):
-            for q, along_y in enumerate(by_x):
-                for p, values in enumerate(along_y):
-                    corner[..., 2 * p + a, 2 * q + b] = values[rows, cols] * hx**p * hy**q
+    ends = slice(None, -1), slice(1, None)
+    for a, b, p, q in itertools.product((0, 1), repeat=4):
+        corner[..., 2 * p + a, 2 * q + b] = by_x[q][p][ends[a], ends[b]] * hx**p * hy**q
     return np.ascontiguousarray(_HERMITE @ corner @ _HERMITE.T)
 
 
