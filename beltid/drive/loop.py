@@ -192,13 +192,12 @@ class Loop:
             state = self.state(u)
         except InputError:  # no belt path fits at this angle of the arm
             return np.full(u.size, 1e3)
-        drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, u.size
+        drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, len(u)
         pull, v = np.maximum(state.P, SLACK * rest.T_0), max(state.v0, SLOWEST * self.flow)
         lacks = state.P - pull
         torque = arcs.torque + (preceding(lacks) - lacks) * self.R
         speeds = arcs.W * v + arcs.rate * (state.v0 - v)
-        r = np.empty(n)
-        n = self.R.size
+        r, n = np.empty(n), self.R.size
         r[:n] = (torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
         r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
