@@ -71,9 +71,7 @@ def local(nodes: Any, cell: Any, x: Any) -> tuple[Any, Any]:
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
     """Evaluate mu, mu_s, mu_t in cells (i, j) at local coordinates s, t (numbers or arrays)."""
-    mu = 0.0
-    mu_s = 0.0
-    mu_t = 0.0
+    mu = mu_s = mu_t = 0.0
     for a in range(3, -1, -1):  # Horner in s of the Horner sums in t
         c1, c2, c3 = C[i, j, a, 1], C[i, j, a, 2], C[i, j, a, 3]
         row = ((c3 * t + c2) * t + c1) * t + C[i, j, a, 0]

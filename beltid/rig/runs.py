@@ -99,8 +99,7 @@ def _approach(
 
 def _check_plausible(model: RigModel, s: State) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
-    R, largest = model.path.R, max(s.T_A, s.T_B)
-    depth = R - float(s.now["rho"].min())
+    R, depth, largest = model.path.R, model.path.R - s.now["rho"].min(), max(s.T_A, s.T_B)
     for is_wrong, problem in (
         (not s.touching.any(), "the belt does not touch the pulley"),
         (
@@ -164,8 +163,7 @@ def tension_sensitivity(model: RigModel, sliding: State) -> tuple[Array, Array, 
     at = np.einsum("ecj,tejk->teck", model.system.mesh.N, elements)
     theta = points["theta"]
     along = at[..., 0] * np.cos(theta) - at[..., 1] * np.sin(theta)
-    tight, slack = (along * points["F_N"])[:, touching]
-    return points["f_N"][touching], tight, slack
+    return points["f_N"][touching], *(along * points["F_N"])[:, touching]
 
 
 def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.void]:
