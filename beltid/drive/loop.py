@@ -1,9 +1,8 @@
 """Tighten the belt of a drive at rest, and close its loop under load.
 
-At rest the belt has one tension: stated, or set by its length or the arm of the tensioner. Under
-load the unknowns are an effective force per span, the stress-free length of belt per second, and
-the angle of the arm. The equations are (D7) to (D9): the torque of every pulley except the driver,
-the length of the belt or a given force, the moment of the arm, the speed of the driver.
+Under load the unknowns are an effective force per span, the stress-free length of belt per second,
+and the angle of the tensioner's arm. The equations are (D7) to (D9): the torque of every pulley but
+the driver, the length of the belt or a given force, the moment of the arm, the driver's speed.
 """
 
 from __future__ import annotations
@@ -119,13 +118,12 @@ def rest_state(level: Level, T_0: float) -> RestState:
         if angle is not None and low <= angle <= high:
             return laid_at(T_0, angle)
     what = "" if math.isnan(T_0) else f" with a tension of {T_0:g} N at rest"
+    asks = f"its spring asks for a tension of {balance(mean):.4g} N"
     if by_length:
         what = f" with a belt of {drive.belt_length:g} m"
-    raise InputError(
-        f"tensioner: no equilibrium{what}; in its mean position, "
-        f"{math.degrees(mean):.4g} deg, its spring asks for a tension of {balance(mean):.4g} N, "
-        f"with a length of {laid_at(balance(mean), mean).belt_length:.5g} m"
-    )
+        asks += f", a length of {laid_at(balance(mean), mean).belt_length:.5g} m"
+    position = f"in its mean position, {math.degrees(mean):.4g} deg"
+    raise InputError(f"tensioner: no equilibrium{what}; {position}, {asks}")
 
 
 def _walked(f: Callable[[float], float], start: float, step: float) -> float | None:
@@ -245,7 +243,6 @@ def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None
 
 def _solved(loop: Loop, near: LoopState | None) -> LoopState:
     """Solve the equations of a loop; if that fails, once more in small steps."""
-    residual = math.inf
     for start, factor in ((near, 100.0), (None, DAMPED)):
         found = root(loop.residual, loop.start(start), tol=1e-10, options={"factor": factor})
         residual = float(np.abs(found.fun).max())

@@ -1,9 +1,8 @@
 """Equations of the friction rig: Euler–Eytelwein and the force along the arc, Eqs. (5) to (8).
 
-Two load cells, or a load cell and a weight, give both tensions; a torque gives their difference,
-which needs the tension of one span, or the force on the pulley's axis. A moving belt is pressed on
-by what its momentum leaves. Arcs are angles [rad], tensions forces [N], R the radius of the belt's
-centreline on the pulley [m].
+A torque gives the difference of the tensions, which needs one of them or the force on the pulley's
+axis. A moving belt is pressed on by what its momentum leaves. Arcs are angles [rad], tensions
+forces [N], R the radius of the belt's centreline on the pulley [m].
 """
 
 from __future__ import annotations

@@ -356,7 +356,10 @@ def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Arr
     """Broadcast forces and speeds to a common shape."""
     f = _to_array("normal_force_N_m", normal_force_N_m)
     v = _to_array("slip_speed_m_s", slip_speed_m_s)
-    f, v = np.broadcast_arrays(f, v)
+    try:
+        f, v = np.broadcast_arrays(f, v)
+    except ValueError as error:
+        raise InputError(f"normal_force_N_m and slip_speed_m_s: {error}") from None
     return f, v
 
 
