@@ -138,8 +138,7 @@ def flow(
                 f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
                 f"{v0:g} m/s, {T_in:g} N: no steady running found"
             )
-    length = pulley.model.path.length * float(search.s.u[0])
-    pulley.states.append(FlowState(v0, length, search.s))
+    pulley.states.append(FlowState(v0, pulley.model.path.length * float(search.s.u[0]), search.s))
     return pulley.states[-1]
 
 
