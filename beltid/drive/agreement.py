@@ -1,8 +1,7 @@
 """Compare predicted with measured speed losses, per point and as a verdict.
 
-A recording tests a part of the loss only if that part exceeds the uncertainty: it resolves a part
-that exceeds three standard uncertainties of the difference at some point. Short of full slip the
-loss hardly depends on friction, so that it is not tested unless a pulley slides on most of its arc.
+A recording resolves a part of the loss that exceeds three standard uncertainties of the difference
+at some point. Friction is not tested unless a pulley slides on most of its arc.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Geometry of the belt path: tangent spans, wrap angles, and the arm of the tensioner.
 
-The belt runs from pulley to pulley in their order. A pulley turns anticlockwise (sense +1) or
-clockwise (-1); ribs and back of the belt turn opposite ways. With the direction ``t`` of a span and
-its left normal ``n``, the belt touches a pulley of sense ``s`` at ``c - s R n``. So the line
-between two centres is ``c_2 - c_1 = L t + (s_2 R_2 - s_1 R_1) n``, which gives the length L of the
-span and its direction.
+A pulley turns anticlockwise (sense +1) or clockwise (-1); ribs and back turn opposite ways. With
+the direction ``t`` of a span and its left normal ``n``, the belt touches a pulley of sense ``s`` at
+``c - s R n``. So ``c_2 - c_1 = L t + (s_2 R_2 - s_1 R_1) n`` between two centres, which gives the
+length L of the span and its direction.
 """
 
 from __future__ import annotations

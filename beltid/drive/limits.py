@@ -78,11 +78,10 @@ def _of_level(
     def margin(factor: float) -> float:
         """Room over the arc that is needed, less 1, of the pulley with the least."""
         nonlocal near
-        try:
+        found = None
+        with suppress(ConvergenceError):
             found = solve_loop(point.scaled(factor), rest, near)
-        except ConvergenceError:
-            return -1.0
-        if found.slack or found.v0 <= 0.0:
+        if found is None or found.slack or found.v0 <= 0.0:
             return -1.0
         needed = found.arcs.needed
         if with_slip:

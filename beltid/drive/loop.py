@@ -1,9 +1,8 @@
 """Tighten the belt of a drive at rest, and close its loop under load.
 
-At rest the belt has one tension: stated, or set by its length or the arm of the tensioner. Under
-load the unknowns are an effective force per span, the stress-free length of belt per second, and
-the angle of the arm. The equations are (D7) to (D9): the torque of every pulley except the driver,
-the length of the belt or a given force, the moment of the arm, the speed of the driver.
+Under load the unknowns are an effective force per span, the stress-free length of belt per second,
+and the angle of the tensioner's arm. The equations are (D7) to (D9): the torque of every pulley but
+the driver, the length of the belt or a given force, the moment of the arm, the driver's speed.
 """
 
 from __future__ import annotations
@@ -119,13 +118,12 @@ def rest_state(level: Level, T_0: float) -> RestState:
         if angle is not None and low <= angle <= high:
             return laid_at(T_0, angle)
     what = "" if math.isnan(T_0) else f" with a tension of {T_0:g} N at rest"
+    asks = f"its spring asks for a tension of {balance(mean):.4g} N"
     if by_length:
         what = f" with a belt of {drive.belt_length:g} m"
-    raise InputError(
-        f"tensioner: no equilibrium{what}; in its mean position, "
-        f"{math.degrees(mean):.4g} deg, its spring asks for a tension of {balance(mean):.4g} N, "
-        f"with a length of {laid_at(balance(mean), mean).belt_length:.5g} m"
-    )
+        asks += f", a length of {laid_at(balance(mean), mean).belt_length:.5g} m"
+    position = f"in its mean position, {math.degrees(mean):.4g} deg"
+    raise InputError(f"tensioner: no equilibrium{what}; {position}, {asks}")
 
 
 def _walked(f: Callable[[float], float], start: float, step: float) -> float | None:
@@ -192,13 +190,12 @@ class Loop:
             state = self.state(u)
         except InputError:  # no belt path fits at this angle of the arm
             return np.full(u.size, 1e3)
-        drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, u.size
+        drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, len(u)
         pull, v = np.maximum(state.P, SLACK * rest.T_0), max(state.v0, SLOWEST * self.flow)
         lacks = state.P - pull
         torque = arcs.torque + (preceding(lacks) - lacks) * self.R
         speeds = arcs.W * v + arcs.rate * (state.v0 - v)
-        r = np.empty(n)
-        n = self.R.size
+        r, n = np.empty(n), self.R.size
         r[:n] = (torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
         r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
@@ -246,7 +243,6 @@ def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None
 
 def _solved(loop: Loop, near: LoopState | None) -> LoopState:
     """Solve the equations of a loop; if that fails, once more in small steps."""
-    residual = math.inf
     for start, factor in ((near, 100.0), (None, DAMPED)):
         found = root(loop.residual, loop.start(start), tol=1e-10, options={"factor": factor})
         residual = float(np.abs(found.fun).max())

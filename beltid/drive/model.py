@@ -117,6 +117,8 @@ class DrivePoint:
     def __post_init__(self) -> None:
         if self.omega == 0.0:
             raise InputError("driver speed 0 rad/s, must be finite and not 0")
+        if self.T_0 <= 0.0:
+            raise InputError(f"initial tension {self.T_0:g} N, must be > 0")
 
     def scaled(self, factor: float) -> DrivePoint:
         """Multiply all torques and powers by a factor; 0 lets the drive idle."""

@@ -1,8 +1,8 @@
 """Results of a drive at an operating point: speeds, speed losses, forces, reserves.
 
-The loss is relative to idling, as on the bench: an error of a radius of 0.2 % is as large as the
-whole loss and cancels. The logarithm of the speed ratio is a sum of contributions of the strains,
-the penetrations and the sliding of whole pulleys (D10); the loss is divided in that proportion.
+The loss is relative to idling, as on the bench: errors of the radii cancel. The logarithm of the
+speed ratio is a sum of contributions of strains, penetrations and the sliding of whole pulleys,
+(D10); the loss is divided in that proportion.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ MOST_ROUNDS = 16
 FORCE_TOLERANCE = 5e-5  # change of the span forces over the tension at rest when converged
 SLIPPING = 0.02  # factor on it where a pulley slides as a whole: its speed depends on them more
 TENSION_STEP = 0.05  # of the logarithm of the tension within which tensions share a mesh
-FASTEST_WITHOUT_RANGE = 0.05  # sliding over belt speed, for friction without a speed range
+WITHOUT_RANGE = 0.05  # fastest sliding over belt speed, for friction without a speed range
 SLIDING = 0.01  # over the belt's speed, where friction is looked up for what a bent belt holds
 LEAST_END = 0.1  # share of a span force that acts along a bent belt on the pulley
 SEATED = 4.0  # lengths of the elastic bed behind the first contact after which the ribs are seated
@@ -132,8 +132,7 @@ class Simulator:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 slip = np.full(state.P.size, math.nan)
                 return replace(state, arcs=state.arcs._replace(slip=slip))
-            rods = self._rods(state, rest, near)
-            last = state
+            last, rods = state, self._rods(state, rest, near)
             state = solve_loop(point, self._corrected(state, rest, rods), state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE * (SLIPPING if state.arcs.slip.any() else 1.0):
@@ -223,8 +222,7 @@ class Simulator:
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
             except ConvergenceError:
-                no_range = FASTEST_WITHOUT_RANGE * v0
-                fastest = self.fastest if math.isfinite(self.fastest) else no_range
+                fastest = self.fastest if math.isfinite(self.fastest) else WITHOUT_RANGE * v0
                 ahead = math.copysign(fastest, P_in - P_out) / rod.R
                 found = flow(rod, v0, P_in, omega=float(state.arcs.rate[i]) * v0 + ahead)
                 if abs(math.log(P_out / P_in)) < abs(math.log(found.s.T_B / P_in)):

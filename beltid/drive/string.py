@@ -3,8 +3,8 @@
 Strain, penetration, angular rate and line force follow from the effective span force
 P = N - m v0^2 (1 + eps) (D1). Where the belt slides, P itself is the coordinate along the arc (D4),
 so an arc is an integral over ln P. On the adhesion arc the belt keeps its angular rate at the
-entry; a pulley that slides as a whole runs ahead of the belt, or behind it, by the sliding speed x
-at its entry (D5). What rods differ by from strings is added here (D12), (D15).
+entry; a pulley that slides as a whole differs from it by the sliding speed x at its entry (D5).
+What rods differ by from strings is added here (D12), (D15).
 """
 
 from __future__ import annotations

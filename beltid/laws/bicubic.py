@@ -14,6 +14,7 @@ elsewhere it is C1.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -70,9 +71,7 @@ def local(nodes: Any, cell: Any, x: Any) -> tuple[Any, Any]:
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
     """Evaluate mu, mu_s, mu_t in cells (i, j) at local coordinates s, t (numbers or arrays)."""
-    mu = 0.0
-    mu_s = 0.0
-    mu_t = 0.0
+    mu = mu_s = mu_t = 0.0
     for a in range(3, -1, -1):  # Horner in s of the Horner sums in t
         c1, c2, c3 = C[i, j, a, 1], C[i, j, a, 2], C[i, j, a, 3]
         row = ((c3 * t + c2) * t + c1) * t + C[i, j, a, 0]
@@ -112,11 +111,9 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
     hx, hy = np.diff(x)[:, None], np.diff(y)
     by_x = (z, zx), (zy, zxy)
     corner = np.empty((x.size - 1, y.size - 1, 4, 4))
-    for a, rows in enumerate((slice(None, -1), slice(1, None))):
-        for b, cols in enumerate((slice(None, -1), slice(1, None))):
-            for q, along_y in enumerate(by_x):
-                for p, values in enumerate(along_y):
-                    corner[..., 2 * p + a, 2 * q + b] = values[rows, cols] * hx**p * hy**q
+    ends = slice(None, -1), slice(1, None)
+    for a, b, p, q in itertools.product((0, 1), repeat=4):
+        corner[..., 2 * p + a, 2 * q + b] = by_x[q][p][ends[a], ends[b]] * hx**p * hy**q
     return np.ascontiguousarray(_HERMITE @ corner @ _HERMITE.T)
 
 

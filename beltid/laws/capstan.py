@@ -1,9 +1,8 @@
 """Equations of the friction rig: Euler–Eytelwein and the force along the arc, Eqs. (5) to (8).
 
-Two load cells, or a load cell and a weight, give both tensions; a torque gives their difference,
-which needs the tension of one span, or the force on the pulley's axis. A moving belt is pressed on
-by what its momentum leaves. Arcs are angles [rad], tensions forces [N], R the radius of the belt's
-centreline on the pulley [m].
+A torque gives the difference of the tensions, which needs one of them or the force on the pulley's
+axis. A moving belt is pressed on by what its momentum leaves. Arcs are angles [rad], tensions
+forces [N], R the radius of the belt's centreline on the pulley [m].
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
-LARGEST_TURN = 0.25
-"""Angle of a bent span beyond which the closed form is not valid [rad]."""
+LARGEST_TURN = 0.25  # angle of a bent span beyond which the closed form is not valid [rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +133,7 @@ def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
 def sliding_speed(omega: Number, R: float) -> Number:
     """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
-    The same formula gives the sliding speed of a drive from its loss of angular speed omega
-    [rad/s].
+    In a drive ``omega`` [rad/s] is the loss of angular speed.
     """
     return omega * R
 
@@ -161,8 +158,7 @@ def mean_normal_force(T_tight: ArrayLike, T_slack: ArrayLike, R: float) -> Array
     With ``mu_ref beta = ln(T_tight / T_slack)``, the mean ``(T_tight - T_slack)/(R mu_ref beta)``
     is the logarithmic mean of the two end values T/R; it tends to T/R as the tensions become equal.
     """
-    tight = np.asarray(T_tight, dtype=float)
-    slack = np.asarray(T_slack, dtype=float)
+    tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
     x = (tight - slack) / slack
     # (tight - slack) / ln(tight / slack) = slack * x / log1p(x), with the series at x -> 0
     small = np.abs(x) < 1e-8

@@ -109,5 +109,5 @@ _LAWS = (
     _stribeck(1),
     _stribeck(2),
 )
+# by name, in order of increasing complexity
 FRICTION_LAWS: Final[Mapping[str, FrictionLaw]] = {law.name: law for law in _LAWS}
-"""All laws by name, in order of increasing complexity."""

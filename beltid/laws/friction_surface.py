@@ -184,8 +184,7 @@ class FrictionSurface:
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points lie within the measured range, where no input is clamped."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
-        f_low, f_high = _range_of(self.normal_force_N_m)
-        v_low, v_high = _range_of(self.slip_speed_m_s)
+        (f_low, f_high), (v_low, v_high), _ = self.validity.values()
         speed = np.abs(v)
         return ((f >= f_low) & (f <= f_high) & (speed >= v_low) & (speed <= v_high))[()]
 
@@ -273,9 +272,7 @@ class FrictionSurface:
         return self.normal_force_N_m, self.slip_speed_m_s, self.mu_nodes, self.mu_se_nodes
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, FrictionSurface):
-            return NotImplemented
-        return all(
+        return isinstance(other, FrictionSurface) and all(
             a is b or (a is not None and b is not None and np.array_equal(a, b, equal_nan=True))
             for a, b in zip(self._given, other._given, strict=True)
         )
@@ -361,11 +358,8 @@ def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Arr
     v = _to_array("slip_speed_m_s", slip_speed_m_s)
     try:
         f, v = np.broadcast_arrays(f, v)
-    except ValueError:
-        raise InputError(
-            f"normal_force_N_m and slip_speed_m_s: shapes {f.shape} and {v.shape} do not go "
-            "together, must be equal or broadcast"
-        ) from None
+    except ValueError as error:
+        raise InputError(f"normal_force_N_m and slip_speed_m_s: {error}") from None
     return f, v
 
 

@@ -3,6 +3,5 @@
 A bench (``model``) becomes a belt of ANCF elements (``mesh``) on a pulley, with the ``forces`` of
 Eqs. (1) to (4) and (9) to (11). ``newton`` finds one equilibrium and marches through many; ``lcp``
 solves the same step as the paper's complementarity problem, (11), (12). ``runs`` lays the belt on,
-slides it and turns the pulley in time, for one run or a campaign, and ``flow`` lets the belt run
-over a turning pulley, for the drive.
+slides it and turns the pulley in time; ``flow`` lets the belt run over a pulley of a drive.
 """

@@ -2,9 +2,8 @@
 
 The rig's belt with three changes. Momentum lowers the axial force, ``N - m v0**2 (1 + eps)``. A
 point slides by the difference of speeds, in either direction. And the borders give the forces of
-both spans, or one and the speed of the pulley; the stretch and the speed of the pulley are their
-unknowns. Steady flow has no history, so there are no time steps: the sliding speed at which
-friction is nearly whole goes down to 1e-6 of v0, as fast as Newton's method follows.
+both spans, or one and the speed of the pulley. Steady flow has no history: there are no time steps,
+but a sliding speed at which friction is nearly whole, which goes down to 1e-6 of v0.
 """
 
 from __future__ import annotations
@@ -139,8 +138,7 @@ def flow(
                 f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
                 f"{v0:g} m/s, {T_in:g} N: no steady running found"
             )
-    length = float(search.s.u[0]) * pulley.model.path.length
-    pulley.states.append(FlowState(v0, length, search.s))
+    pulley.states.append(FlowState(v0, pulley.model.path.length * float(search.s.u[0]), search.s))
     return pulley.states[-1]
 
 

@@ -79,8 +79,7 @@ POINT: Final = np.dtype(
 )
 """A contact point; ``sticks`` and ``sign`` are its status."""
 
-Points = NDArray[np.void]
-"""Contact points, a structured array of :data:`POINT` of shape (n_e, n_c)."""
+Points = NDArray[np.void]  # structured array of POINT, shape (n_e, n_c)
 
 
 class Motion(NamedTuple):

@@ -6,7 +6,6 @@ friction forces the slips of a step are ``slip_free - G F_T``, with the Delassus
 ``G = W_T' S^-1 W_T``.
 Five points per element are more constraints than an element has freedoms: G is only positive
 semi-definite, the slips are unique, the split of the stick forces is not (trap (b) of the method).
-Lemke's method copes. It is slower than return mapping, and needs no guess of what sticks.
 """
 
 from __future__ import annotations

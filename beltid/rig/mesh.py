@@ -1,8 +1,8 @@
 """The path of the belt (support A, span, arc, span, support B) and its mesh.
 
-The pulley's centre is the origin. The belt runs over the top from support A (left) to support B
-(right); ``theta`` is the angle from the top, positive towards B. The pulley's surface moves towards
-B, so the span at A is the tight one (trap (d) of the method).
+The pulley's centre is the origin. The belt runs over the top from support A (left) to B (right);
+``theta`` is the angle from the top, positive towards B, where the pulley's surface moves: the span
+at A is the tight one (trap (d) of the method).
 """
 
 from __future__ import annotations

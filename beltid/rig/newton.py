@@ -66,7 +66,7 @@ class Border(NamedTuple):
 
 
 STEP: Final = np.dtype(
-    [
+    [  # of a march
         ("dt", float),  # duration [s], given
         ("omega", float),  # speed of the pulley [rad/s], given
         ("force", float, (4,)),  # forces of the supports A and B on the belt [N]
@@ -75,7 +75,6 @@ STEP: Final = np.dtype(
         ("residual", float),  # largest force that is left over T_A [-]
     ]
 )
-"""A step of a march."""
 
 
 @kernel

@@ -5,12 +5,10 @@ The lay-on is frictionless; its unknowns are the coordinates and the stretch, it
 would miss T_0 by 5 to 10 %). Then the stretch is constant, the pulley turns, and every touching
 point slides; the supports are fixed, or move until the given force acts.
 
-In time, the natural clock is the travel of the pulley's surface: the build-up takes 0.1 to 1 mm,
-whatever the speed (trap (a) of the method). If mu falls with the speed and follows it at once, the
-smallest disturbance of the belt at rest grows. Real friction follows a change of speed over a slip
-of the size of its contacts (the memory length of rate-and-state friction, J. H. Dieterich, J.
-Geophys. Res. 84 (1979) 2161). For such surfaces mu is looked up at the speed averaged over a memory
-of half the travel of the build-up; this does not change the plateau.
+In time, the clock is the travel of the pulley's surface: the build-up takes 0.1 to 1 mm, whatever
+the speed (trap (a) of the method). Where mu falls with the speed it is looked up at the speed
+averaged over a memory of half of this travel, or the smallest disturbance would grow; the plateau
+stays. Real friction has a memory length, too: J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161.
 """
 
 from __future__ import annotations
@@ -99,8 +97,7 @@ def _approach(
 
 def _check_plausible(model: RigModel, s: State) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
-    R, largest = model.path.R, max(s.T_A, s.T_B)
-    depth = R - float(s.now["rho"].min())
+    R, depth, largest = model.path.R, model.path.R - s.now["rho"].min(), max(s.T_A, s.T_B)
     for is_wrong, problem in (
         (not s.touching.any(), "the belt does not touch the pulley"),
         (
@@ -164,8 +161,7 @@ def tension_sensitivity(model: RigModel, sliding: State) -> tuple[Array, Array, 
     at = np.einsum("ecj,tejk->teck", model.system.mesh.N, elements)
     theta = points["theta"]
     along = at[..., 0] * np.cos(theta) - at[..., 1] * np.sin(theta)
-    tight, slack = (along * points["F_N"])[:, touching]
-    return points["f_N"][touching], tight, slack
+    return points["f_N"][touching], *(along * points["F_N"])[:, touching]
 
 
 def make_schedule(model: RigModel, laid: State, sliding: State) -> NDArray[np.void]:
@@ -241,17 +237,20 @@ def at_rest(model: RigModel, laid: State) -> State:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of the simulation; an InputError says what is wrong."""
+    """Settings of the simulation; an InputError lists all that are wrong."""
 
     method: Method = "transient"  # in time from the belt at rest, or only the limit of sliding
     elements: int | None = None  # even; by default what the contact asks for
     friction_solver: Literal["newton", "lemke"] = "newton"  # return mapping, or the paper's LCP
 
     def __post_init__(self) -> None:
+        problems = []
         if self.method not in ("transient", "steady"):
-            raise InputError(f"method = {self.method!r}, must be 'transient' or 'steady'")
+            problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
-            raise InputError(f"elements = {self.elements}, must be even and >= 4")
+            problems.append(f"elements = {self.elements}, must be even and >= 4")
+        if problems:
+            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
