@@ -54,8 +54,7 @@ class FlowPulley:
     def model(self) -> RigModel:
         """The belt on its mesh, before it flows."""
         rig, point = Rig(self.R, self.span), OperatingPoint(self.wrap, self.tension, 1.0)
-        contact, surface = Contact(0.0, POINTS), FrictionSurface.constant(1.0)
-        bench = Bench(self.belt, rig, contact, self.law, surface)
+        bench = Bench(self.belt, rig, Contact(0.0, POINTS), self.law, FrictionSurface.constant(1.0))
         default = bench.model(point).nodes.size - 1
         return bench.model(point, 2 * round(0.5 * FINER * default))
 

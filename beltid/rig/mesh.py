@@ -137,8 +137,7 @@ def graded_nodes(
 
     There the fourth derivative of the deflection jumps, which determines the error of cubic
     elements; it decays over the layer of :func:`touchdown` on the pulley's side, over the bending
-    length in the span and at a clamp. So the elements there are the shortest. By default there are
-    as many as the lengths and the ``n_c`` contact points of an element ask for.
+    length in the span and at a clamp. The default ``n`` goes with the ``n_c`` points of an element.
     """
     half = 0.5 * Path(rig.R, rig.span, beta).length
     offset, layer, _ = touchdown(belt, rig, law, T_0)
