@@ -179,7 +179,7 @@ def main() -> int:
         ("median of the rigs' larger error", f"{np.median(np.abs(both).max(axis=1)):.4f} %"),
         ("in time: worst difference to the steady tensions", f"{max(settled):.5f} %"),
         ("in time: median", f"{np.median(settled):.6f} %"),
-        ("in time: steps that had to be cut", f"{cuts} of {IN_TIME.steps * len(rows)}"),
+        ("in time: steps that had to be cut", f"{cuts} of {STEPS * len(rows)}"),
         ("elements", f"{min(r[2] for r in rows)} to {max(r[2] for r in rows)}"),
     ]
     parts = [
