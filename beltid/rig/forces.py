@@ -32,7 +32,6 @@ from beltid.rig.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-SLIP_TOLERANCE = 1.0e-13  # backward slip of a sliding point in one step [m]
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
 
 elastic_force = kernel(penalty.elastic_force)  # Eq. (3)
@@ -260,20 +259,20 @@ def friction(surface: SurfaceTables, f: float, v: float) -> tuple[float, float, 
 
 
 @kernel
-def revise_status(point: Any, trial: float, limit: float, slip: float) -> bool:
-    """Change the status of a point that breaks Eq. (11); return whether it changed."""
+def revise_status(point: Any, trial: float, limit: float, slip: float, back: float) -> bool:
+    """Change the status of a point that breaks Eq. (11), sliding ``back`` [m]; tell if it did."""
     stuck = point.sticks
     if stuck:
         point.sticks = abs(trial) <= limit * (1 + CONE_TOLERANCE)
         point.sign = math.copysign(1.0, trial)
     else:
-        point.sticks = point.sign * slip < -SLIP_TOLERANCE
+        point.sticks = point.sign * slip < -back
     return bool(stuck != point.sticks)
 
 
 @kernel
-def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, revise: bool) -> int:
-    """Add forces, tangent, columns; return how many points broke Eq. (11) and were revised."""
+def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: float) -> int:
+    """Add forces, tangent, columns; return how many points were revised: none if ``back`` < 0."""
     R, rate, q, stretch, changes = pulley.R, motion.rate, s.q, s.u[0], 0
     r, r_s, r_omega = s.r, s.columns[0], s.columns[1]
     flows, moves = motion.v0 > 0.0, rate > 0.0
@@ -295,7 +294,7 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, revise: bo
             slip, v, v_slip = 0.0, sliding_speed(motion.omega, R), 0.0
             if flows:
                 slip, v, v_slip = R * s.u[1] - fall * turn, point.slip, 1.0
-                if revise:  # the share of friction after a step of Newton's method
+                if back >= 0.0:  # the share of friction after a step of Newton's method
                     size = math.sqrt(v * v + motion.scale * motion.scale)
                     share = (v + (1.0 - point.sign * v / size) * (slip - v)) / size
                     point.sign = min(max(share, -1.0), 1.0)
@@ -324,8 +323,8 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, revise: bo
             share = motion.share * (pulley.ratio if before.sticks else 1.0)
             limit, k_t = share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
             trial = before.F_T + k_t * slip
-            if revise and moves:
-                changes += revise_status(point, trial, limit, slip)
+            if back >= 0.0 and moves:
+                changes += revise_status(point, trial, limit, slip, back)
             sign, by_sign, by = point.sign, 0.0, t  # minus the derivative of the slip
             if flows:
                 size = math.sqrt(slip * slip + motion.scale * motion.scale)

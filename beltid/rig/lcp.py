@@ -107,7 +107,7 @@ def step_by_lemke(
     s.q[:] = s.q_old + s.q_dot / motion.rate
     units = np.tile([1.0, 1.0, system.h_min, system.h_min], s.q.size // 4)
     for iteration in range(2 * most):
-        assemble(system, motion, s, False)  # a sticking point carries the force of ``last``
+        assemble(system, motion, s, -1.0)  # a sticking point carries the force of ``last``
         hold(s, border.moves)
         at = np.nonzero(now["F_N"] > 0.0)
         slip, force, limit, sticks = (now[key][at] for key in ("slip", "F_T", "limit", "sticks"))

@@ -34,6 +34,7 @@ TOLERANCE = 1.0e-9  # residual force over T_A [-]
 ROUNDING = 1.0e-13  # of positions over R [-]
 LONGEST_STEP = 0.1  # of an iteration: positions over R, gradients [-]
 MOST_ITERATIONS, MOST_IN_TIME, MOST_HALVINGS = 60, 30, 10
+PATIENCE, SLIPS_BACK, CIRCLES = 15, 1.0e-13, 1.0e-9  # iterations; slip back in a step [m], then
 
 
 class System(NamedTuple):
@@ -84,7 +85,7 @@ def held_row(i: int, n: int) -> int:
 
 
 @kernel
-def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
+def assemble(system: System, motion: Motion, s: State, back: float) -> int:
     """Assemble residual, tangent and columns at ``s.q``, ``s.u``; return the changes of status."""
     mesh, belt, n, rate, A, r = system.mesh, system.belt, s.q.size, motion.rate, s.A, s.r
     r[:], s.columns[:], A[:] = 0.0, 0.0, 0.0
@@ -93,7 +94,7 @@ def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
         for i in range(n):
             s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
         add_inertia(mesh, belt, s, rate)
-    changes = add_contact(mesh, system.pulley, motion, s, revise)
+    changes = add_contact(mesh, system.pulley, motion, s, back)
     for end in range(2):
         first = 2 + end * (n - 4)
         d = system.across[end]
@@ -166,7 +167,9 @@ def equilibrium(
     for i in range(n):
         s.q[i] = s.q_old[i] + (s.q_dot[i] / rate if rate > 0.0 else 0.0)
     for iteration in range(most):
-        changes = assemble(system, motion, s, iteration > 0)
+        # a point whose limit falls when it slides could stick and slide in turn for ever
+        back = SLIPS_BACK if iteration < PATIENCE else CIRCLES
+        changes = assemble(system, motion, s, back if iteration > 0 else -1.0)
         hold(s, border.moves)
         T = (math.hypot(s.force[0], s.force[1]), math.hypot(s.force[2], s.force[3]))
         error = 0.0

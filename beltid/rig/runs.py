@@ -135,7 +135,7 @@ def tension_sensitivity(model: RigModel, sliding: State) -> tuple[Array, Array, 
     """
     s, border = State.of(model.system.mesh), model.border
     s.q[:], s.u[:] = sliding.q, (sliding.u[0], 0.0)
-    assemble(model.system, Motion(0.0, model.point.omega), s, False)
+    assemble(model.system, Motion(0.0, model.point.omega), s, -1.0)
     hold(s, border.moves)
     n = s.q.size
     held = np.array([0, 1, n - 4, n - 3])

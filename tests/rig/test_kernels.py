@@ -9,7 +9,7 @@ from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
 from beltid.rig.banded import HALF, WIDTH, factorize, kernel, solve
-from beltid.rig.forces import Motion, State
+from beltid.rig.forces import POINT, Motion, State, revise_status
 from beltid.rig.model import RigModel
 from beltid.rig.newton import assemble
 from beltid.rig.runs import at_rest
@@ -39,7 +39,7 @@ def disturbed(rate: float, seed: int = 0) -> tuple[RigModel, Motion, State]:
 def test_the_kernels_are_their_numpy_twin(rate: float) -> None:
     model, motion, s = disturbed(rate)
     status = s.now.copy()
-    assemble(model.system, motion, s, False)
+    assemble(model.system, motion, s, -1.0)
     mesh, stretch = model.system.mesh, float(s.u[0])
     f, K, f_s, strains = twin.belt_forces(mesh, RIG.belt, s.q, stretch, s.strains_old, rate)
     pulley, last = model.system.pulley, s.last
@@ -75,7 +75,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> 
 
     def residual(dq: np.ndarray, du: np.ndarray) -> np.ndarray:
         s.now[:], s.q[:], s.u[:] = status, q + dq, u + du
-        assemble(model.system, motion, s, False)
+        assemble(model.system, motion, s, -1.0)
         return s.r.copy()
 
     residual(0 * q, 0 * u)
@@ -101,7 +101,7 @@ def test_what_touches_dissipates_only_while_approaching() -> None:
     """Eqs. (1), (2), (4): C_P times the rate of approach on top of the elastic force."""
     model, motion, s = disturbed(300.0)
     s.last["rho"] += np.where(np.arange(s.last.shape[1]) % 2, 1e-6, -1e-6) - 2e-7
-    assemble(model.system, motion, s, False)
+    assemble(model.system, motion, s, -1.0)
     part = model.system.mesh.w_c * s.u[0]
     approach = (s.last["rho"] - s.now["rho"]) * motion.rate
     more = s.now["F_N"] - s.now["f_N"] * part
@@ -137,3 +137,11 @@ def test_a_kernel_without_a_place_for_its_cache_is_compiled_all_the_same() -> No
     source: dict = {}
     exec(compile("def twice(x):\n    return 2 * x\n", "/nowhere/kernels.py", "exec"), source)
     assert kernel(source["twice"])(2.0) == 4.0
+
+
+@pytest.mark.parametrize(("back", "sticks"), [(1e-13, True), (1e-9, False)])
+def test_a_sliding_point_may_slip_back_a_little_where_iterations_circle(back, sticks) -> None:
+    point = np.zeros(1, dtype=POINT)
+    point["sign"] = 1.0
+    assert revise_status(point[0], 0.0, 1.0, -5e-10, back) == sticks
+    assert point["sticks"][0] == sticks
