@@ -21,19 +21,6 @@ finally:
 """
 
 
-def test_what_is_up_to_date_is_left_alone_and_nothing_heavy_is_imported(
-    bench: Path, by_one: Path
-) -> None:
-    shutil.copytree(by_one, bench / "runs")
-    before = {path: path.stat().st_mtime_ns for path in (bench / "runs").rglob("*")}
-    command = [sys.executable, "-c", LIGHT, *BOTH, "-j", "2"]
-    done = subprocess.run(command, cwd=bench, env=environment(), capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "everything is up to date, nothing was done" in done.stdout
-    assert done.stderr.splitlines()[-1] == "[]"
-    assert {path: path.stat().st_mtime_ns for path in (bench / "runs").rglob("*")} == before
-
-
 def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_one: Path) -> None:
     def states(*more: str, status: int = 0) -> dict[str, str]:
         done = beltid(bench, "run", "two.yaml", "--dry-run", "--json", *more)

@@ -142,13 +142,3 @@ def test_config_check_and_run_judge_recordings_alike(
     for result in (checked, planned):
         assert result.exit_code == 2 * refused, result.stderr
         assert (f"c.yaml:3:8: data.rig = {named.strip(chr(39))}" in result.stderr) is refused
-
-
-@pytest.mark.parametrize(
-    "call", [("config", "show", "--json"), ("config", "check", "c"), ("inspect", "c")]
-)
-def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...]) -> None:
-    refused = beltid(*call, "-o", "product.txt")
-    assert refused.exit_code == 2
-    assert "--out = product.txt" in refused.stderr
-    assert refused.stdout == ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import subprocess
@@ -11,9 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from beltid.cli.execute import Terminal
-from beltid.notes import heard_by, log, progress
 
 MAIN = "from beltid.cli import main; main()"
 PROGRAM = """
@@ -151,25 +147,3 @@ def test_the_linear_algebra_of_a_command_runs_in_one_thread(
         "print(len(os.listdir('/proc/self/task')))"
     )
     assert python(code, "--version").stdout.splitlines()[-1] == b"1"
-
-
-@pytest.mark.parametrize(
-    ("terminal", "told"),
-    [
-        (True, "r: 2 of 4, about 1 s left\r\x1b[2Kr: 3 of 4, about 0 s left\r\x1b[2Knote\n"),
-        (False, "note\n"),
-    ],
-)
-def test_progress_is_a_line_that_makes_way_for_notes(
-    terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stderr, clock = io.StringIO(), iter([0.0, 0.5, 1.0, 1.5])
-    stderr.isatty = lambda: terminal  # type: ignore[method-assign]
-    monkeypatch.setattr("sys.stderr", stderr)
-    monkeypatch.setattr("beltid.cli.execute.time.monotonic", lambda: next(clock))
-    with heard_by(Terminal()), progress("r", 4) as advance:
-        for _ in range(3):
-            advance()
-        log.info("note")
-        advance()
-    assert stderr.getvalue() == told

@@ -75,27 +75,3 @@ def test_a_result_that_may_not_be_read_stops_its_step_only(
     states = row_of(done)["stages"]
     assert (states[step], states["fit-stiffness"]) == ("failed", "done")
     assert f"{name}: no permission to read it" in done.stderr
-
-
-def test_a_page_that_cannot_be_drawn_fails_alone(
-    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*told: Any) -> None:
-        raise OSError("set MPLCONFIGDIR")
-
-    (bench / "part.yaml").write_text("data: {speedloss: speedloss.csv}\n")
-    monkeypatch.setattr("beltid.stages.report_belt.write_page", fail)
-    done = beltid("run", "part.yaml", "--json", "-j", "1")
-    assert done.exit_code == 2, done.exception
-    assert row_of(done)["stages"]["fit-slip"] == "done"
-    assert "error: 5pk: report: set MPLCONFIGDIR" in done.stderr
-
-
-def test_the_config_is_that_of_the_call_or_of_the_environment(
-    ran: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    refused = beltid("run", "--dry-run")
-    assert refused.exit_code == 2
-    assert "$BELTID_CONFIG" in refused.stderr
-    monkeypatch.setenv("BELTID_CONFIG", str(ran / "beltid.yaml"))
-    assert beltid("run", "--dry-run").exit_code == 0

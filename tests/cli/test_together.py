@@ -66,21 +66,6 @@ def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
     assert beltid("compare", FRICTION, "moved.parquet", "-o", "x.parquet").exit_code == 0
 
 
-@pytest.mark.long
-def test_another_bench_is_simulated_with_the_law_of_the_first(others: Path, beltid: Any) -> None:
-    lines = Path("rig.csv").read_text().splitlines(keepends=True)
-    kept = [line for line in lines if line.split(",")[6] != "40"]
-    Path("other.csv").write_text("".join(kept))
-    assert beltid("fit-friction", "other.csv", "-o", "other.parquet").exit_code == 0
-    refused(beltid("compare", "other.parquet", BELT / "simulated.parquet", "-o", "x.parquet"))
-    made = beltid("simulate-rig", SURFACE, STIFFNESS, "--from", "other.parquet", "-o", "s.parquet")
-    assert made.exit_code == 0, made.stderr
-    assert beltid("compare", "other.parquet", "s.parquet", "-o", "x.parquet").exit_code == 0
-    # a recording of another bench or program is no artifact and fits
-    done = beltid("compare", FRICTION, "rig.csv", "-o", BELT / "compare.parquet", "--force")
-    assert done.exit_code == 0, done.stderr
-
-
 # --- the report of a run in which something failed, or is not wanted any more -------------------
 
 
