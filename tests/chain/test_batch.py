@@ -21,19 +21,6 @@ finally:
 """
 
 
-def test_what_is_up_to_date_is_left_alone_and_nothing_heavy_is_imported(
-    bench: Path, by_one: Path
-) -> None:
-    shutil.copytree(by_one, bench / "runs")
-    before = {path: path.stat().st_mtime_ns for path in (bench / "runs").rglob("*")}
-    command = [sys.executable, "-c", LIGHT, *BOTH, "-j", "2"]
-    done = subprocess.run(command, cwd=bench, env=environment(), capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "everything is up to date, nothing was done" in done.stdout
-    assert done.stderr.splitlines()[-1] == "[]"
-    assert {path: path.stat().st_mtime_ns for path in (bench / "runs").rglob("*")} == before
-
-
 def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_one: Path) -> None:
     def states(*more: str, status: int = 0) -> dict[str, str]:
         done = beltid(bench, "run", "two.yaml", "--dry-run", "--json", *more)
@@ -56,16 +43,6 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_on
     found = states(status=2)
     assert (found["fit-stiffness"], found["fit-friction"]) == ("to be made", "cannot be made")
     assert contents(bench / "runs") == kept
-
-
-def test_a_single_arc_is_too_little_to_leave_one_out(bench: Path) -> None:
-    rows = (bench / "rig.csv").read_text().splitlines(keepends=True)
-    (bench / "rig.csv").write_text("".join(r for r in rows if r.split(",")[6] != "40"))
-    done = beltid(bench, "run", "two.yaml", "-j", "1", "--json", "--no-report")
-    assert done.exit_code == 0, done.stderr
-    states = json.loads(done.stdout)["table"][0]["stages"]
-    assert (states["compare"], states["cross-validate"]) == ("done", "too few settings")
-    assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
 
 
 def test_a_running_belt_is_reduced_and_not_simulated(bench: Path) -> None:

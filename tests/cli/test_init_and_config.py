@@ -55,6 +55,9 @@ def test_init_writes_what_the_recordings_state(beltid: Any) -> None:
     lines = Path("configs/seven.yaml").read_text().splitlines()
     (arcs,) = [line for line in lines if line.strip().startswith("arcs_deg:")]
     assert arcs.endswith("from benches/two.csv")
+    refused = beltid("init", "7pk", "-o", "configs/seven.yaml")
+    assert refused.exit_code == 2
+    assert "--force" in refused.stderr
 
 
 def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid: Any) -> None:
@@ -65,16 +68,6 @@ def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid:
     assert len(load_config("all.yaml").uncertainty.model_fields_set) > 10
 
 
-def test_init_replaces_nothing_without_force(beltid: Any) -> None:
-    Path("a.yaml").write_text("belt: {name: mine}\n")
-    refused = beltid("init", "a")
-    assert refused.exit_code == 2
-    assert "--force" in refused.stderr
-    assert Path("a.yaml").read_text() == "belt: {name: mine}\n"
-    assert beltid("init", "a", "--force").exit_code == 0
-    assert beltid("init", "a", "-o", "press.csv").exit_code == 2
-
-
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
@@ -82,6 +75,7 @@ def test_init_replaces_nothing_without_force(beltid: Any) -> None:
         (("c", "none.csv", "words.txt"), ["none.csv", "words.txt"]),
         (("c", "press.csv", "press.csv"), ["press.csv", "data.press"]),
         ((), ["NAME"]),
+        (("c", "-o", "press.csv", "--force"), ["press.csv"]),
     ],
 )
 def test_init_tells_all_that_is_wrong_and_writes_nothing(
@@ -142,13 +136,3 @@ def test_config_check_and_run_judge_recordings_alike(
     for result in (checked, planned):
         assert result.exit_code == 2 * refused, result.stderr
         assert (f"c.yaml:3:8: data.rig = {named.strip(chr(39))}" in result.stderr) is refused
-
-
-@pytest.mark.parametrize(
-    "call", [("config", "show", "--json"), ("config", "check", "c"), ("inspect", "c")]
-)
-def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...]) -> None:
-    refused = beltid(*call, "-o", "product.txt")
-    assert refused.exit_code == 2
-    assert "--out = product.txt" in refused.stderr
-    assert refused.stdout == ""

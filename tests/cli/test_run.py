@@ -14,39 +14,14 @@ def row_of(done: Any) -> dict[str, Any]:
     return row
 
 
-def test_the_refined_surface_decides(ran: Path, beltid: Any) -> None:
-    """The published one misses by percents, the refined one by tenths of them."""
-    stated = "compare: {max_rms_relative_error: 0.01}\ncross_validate: {by: none}\n"
-    (ran / "beltid.yaml").write_text((ran / "beltid.yaml").read_text() + stated)
-    done = beltid("run", "--no-report", "--json", "beltid.yaml")
-    assert done.exit_code == 0, done.stderr
-    row = row_of(done)
-    states = [row["stages"][name] for name in ("compare", "compare refined")]
-    assert states == ["out of tolerance", "done"]
-    # what stays is noise and the set tensions, which the bench missed by up to 2 %
-    assert row["rms_percent"] > 2.0 > 0.4 > row["refined_rms_percent"]
-    refined = row["refine_surface"]
-    spread = [refined[f"arc_to_arc_spread_{when}_percent"] for when in ("before", "after")]
-    assert spread[1] < 0.1 * spread[0]
-
-
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(
-    ("named", "made", "told", "options"),
-    [
-        ("rig: rig.csv", {"fit-friction", "build-surface"}, "data.press", ("--no-report",)),
-        ("press: press.csv", {"fit-stiffness", "report"}, "data.rig", ()),
-    ],
-)
-def test_what_can_be_done_without_a_recording_is_done(
-    bench: Path, beltid: Any, named: str, made: set[str], told: str, options: tuple[str, ...]
-) -> None:
-    (bench / "part.yaml").write_text(f"belt: {{name: part}}\ndata: {{{named}}}\n")
-    done = beltid("run", "part.yaml", "--json", "-j", "1", *options)
+def test_what_can_be_done_without_a_recording_is_done(bench: Path, beltid: Any) -> None:
+    (bench / "part.yaml").write_text("belt: {name: part}\ndata: {press: press.csv}\n")
+    done = beltid("run", "part.yaml", "--json", "-j", "1")
     assert done.exit_code == 0, done.stderr
     (warning,) = [line for line in done.stderr.splitlines() if line.startswith("warning: part: ")]
-    assert told in warning
-    states = row_of(done)["stages"]
+    assert "data.rig" in warning
+    states, made = row_of(done)["stages"], {"fit-stiffness", "report"}
     assert {stage for stage, state in states.items() if state == "done"} == made
     others = {state for stage, state in states.items() if stage not in made}
     assert others == {"no recording"}
@@ -75,27 +50,3 @@ def test_a_result_that_may_not_be_read_stops_its_step_only(
     states = row_of(done)["stages"]
     assert (states[step], states["fit-stiffness"]) == ("failed", "done")
     assert f"{name}: no permission to read it" in done.stderr
-
-
-def test_a_page_that_cannot_be_drawn_fails_alone(
-    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*told: Any) -> None:
-        raise OSError("set MPLCONFIGDIR")
-
-    (bench / "part.yaml").write_text("data: {speedloss: speedloss.csv}\n")
-    monkeypatch.setattr("beltid.stages.report_belt.write_page", fail)
-    done = beltid("run", "part.yaml", "--json", "-j", "1")
-    assert done.exit_code == 2, done.exception
-    assert row_of(done)["stages"]["fit-slip"] == "done"
-    assert "error: 5pk: report: set MPLCONFIGDIR" in done.stderr
-
-
-def test_the_config_is_that_of_the_call_or_of_the_environment(
-    ran: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    refused = beltid("run", "--dry-run")
-    assert refused.exit_code == 2
-    assert "$BELTID_CONFIG" in refused.stderr
-    monkeypatch.setenv("BELTID_CONFIG", str(ran / "beltid.yaml"))
-    assert beltid("run", "--dry-run").exit_code == 0

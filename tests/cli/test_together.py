@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,6 @@ def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
     others: Path, beltid: Any
 ) -> None:
     simulated = BELT / "simulated.parquet"
-    shutil.copy(FRICTION, "before.parquet")
     made = beltid("fit-friction", "rig.csv", "-c", "pulley.yaml", "-o", FRICTION)
     assert made.exit_code == 0, made.stderr
     refused(beltid("compare", FRICTION, simulated, "-o", "x.parquet"), simulated, "simulate-rig")
@@ -60,25 +58,6 @@ def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
     refused(beltid("plan", REFINED, STIFFNESS, *given, "-o", "x.csv"), REFINED, FRICTION)
     refused(beltid("report", BELT), SURFACE, FRICTION)
     refused(beltid("export", "c", BELT), REFINED, FRICTION, "refine-surface")
-    # under any name: what counts is the content
-    shutil.move("before.parquet", FRICTION)
-    shutil.move(simulated, "moved.parquet")
-    assert beltid("compare", FRICTION, "moved.parquet", "-o", "x.parquet").exit_code == 0
-
-
-@pytest.mark.long
-def test_another_bench_is_simulated_with_the_law_of_the_first(others: Path, beltid: Any) -> None:
-    lines = Path("rig.csv").read_text().splitlines(keepends=True)
-    kept = [line for line in lines if line.split(",")[6] != "40"]
-    Path("other.csv").write_text("".join(kept))
-    assert beltid("fit-friction", "other.csv", "-o", "other.parquet").exit_code == 0
-    refused(beltid("compare", "other.parquet", BELT / "simulated.parquet", "-o", "x.parquet"))
-    made = beltid("simulate-rig", SURFACE, STIFFNESS, "--from", "other.parquet", "-o", "s.parquet")
-    assert made.exit_code == 0, made.stderr
-    assert beltid("compare", "other.parquet", "s.parquet", "-o", "x.parquet").exit_code == 0
-    # a recording of another bench or program is no artifact and fits
-    done = beltid("compare", FRICTION, "rig.csv", "-o", BELT / "compare.parquet", "--force")
-    assert done.exit_code == 0, done.stderr
 
 
 # --- the report of a run in which something failed, or is not wanted any more -------------------
@@ -115,14 +94,12 @@ def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, b
 def test_results_of_a_recording_that_is_not_named_any_more_are_not_shown(
     ran: Path, beltid: Any
 ) -> None:
-    assert beltid("report", BELT).exit_code == 0
-    assert 'id="figure-slip"' in (BELT / "report.html").read_text()
     config = (ran / "beltid.yaml").read_text()
     (ran / "beltid.yaml").write_text(config.replace(", speedloss: speedloss.csv", ""))
-    for call in (("report", BELT, "--json"), ("run", "beltid.yaml", "-j", "1", "--json")):
-        done = beltid(*call)
-        assert done.exit_code == 0, done.stderr
-        page = (BELT / "report.html").read_text()
-        assert "slip.parquet: not shown, the config names no speedloss recording" in page
-        assert "Sliding speed in service, Fig. 9 of the paper: there is no slip.parquet" in page
+    done = beltid("run", "beltid.yaml", "-j", "1")
+    assert done.exit_code == 0, done.stderr
+    page = (BELT / "report.html").read_text()
+    assert "slip.parquet: not shown, the config names no speedloss recording" in page
+    assert ": there is no slip.parquet" in page
+    assert 'id="figure-slip"' not in page
     assert json.loads(beltid("report", BELT, "--json").stdout)["up_to_date"]

@@ -101,24 +101,6 @@ def test_the_belt_is_that_of_the_results_and_no_other_is_assumed(results: Path) 
     assert beltid.load_law(results / "export" / "other.beltlaw.json").belt.ribs == 9
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("json",), "LAW is missing"),
-        (("json", "nowhere"), "nowhere: there is no such folder or file"),
-        (("json", "."), "stiffness.parquet: there is no such file"),
-    ],
-)
-def test_what_cannot_be_exported_is_reported(
-    arguments: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    refused = call(*arguments)
-    assert refused.exit_code == 2
-    assert said in refused.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_without_a_target_all_are_listed() -> None:
     lines = call().stdout.splitlines()
     assert [sum(line.split()[:1] == [name] for line in lines) for name in TARGETS] == [1] * 9

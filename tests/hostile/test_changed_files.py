@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from mutation import MUTATORS
 from readers import CORPUS, READERS, read, seeds
 
+from beltid.config.checks import name_pattern
+
 OF_LIBRARIES = ("tdms", "mdf", "mat", "hdf5", "xlsx")
 """Formats whose libraries read damaged files as they like."""
 OURS = [reader for reader in READERS if reader not in OF_LIBRARIES]
@@ -76,3 +78,32 @@ def test_long_files_are_refused_in_little_time(reader, data):
     start = time.process_time()
     assert read(reader, data.encode()) is not None
     assert time.process_time() - start < 3.0
+
+
+NAME = "x" * 250 + ".csv"  # as long as a file system allows, and no pattern below fits
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "(?P<run>(?:x+x+)+y)",
+        "(?P<run>(?:x|x|x)*y)",
+        "(?P<run>(?:.*)*)" + "(?:.*)*" * 60 + "y",
+        "(?P<run>x*)" + "x*" * 200 + "y",
+        "(?P<run>(?:(?:x{1,9}){1,9}){1,9})y",
+        "{run}" + "{}" * 200 + "y",
+        "{run}" + "{}x" * 100 + "y",
+    ],
+    ids=range(7),
+)
+def test_a_pattern_takes_time_in_proportion_to_the_name(pattern):
+    start = time.process_time()
+    assert name_pattern(pattern).values(NAME) is None
+    assert time.process_time() - start < 1.0
+
+
+def test_names_that_are_no_text_are_matched_without_their_odd_bytes():
+    assert name_pattern("{run}_{arc_deg}.csv").values("R\udcff_40.csv") == {
+        "run": "R?",
+        "arc_deg": "40",
+    }

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ast
-import csv
 import gzip
-import io
 import os
 import resource
 from pathlib import Path
@@ -135,23 +133,6 @@ def test_messages_are_one_printable_line(text, shown):
     assert printable(text) == shown
     assert InputError(text).problems == (shown,)
     assert len(printable(text * LONGEST_LINE)) <= LONGEST_LINE
-
-
-def test_no_cell_of_an_exported_table_is_a_formula(tmp_path):
-    law = CORPUS / "law" / "5pk.beltlaw.json"
-    result = CliRunner().invoke(app, ["export", "csv", str(law), "-o", str(tmp_path), "-q"])
-    assert result.exit_code == 0, result.stderr
-    tables = sorted(tmp_path.glob("*.csv"))
-    assert tables
-    for path in tables:
-        lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
-        header, *rows = csv.reader(io.StringIO("\n".join(lines)))
-        assert all(name[0].isalpha() for name in header)
-        for row in rows:
-            cells = dict(zip(header, row, strict=True))
-            # the one word of a row is one of ours, or empty if the law states no measured range
-            assert cells.pop("range", "") in ("", "measured", "inferred", "extrapolated")
-            assert all(cell == "" or np.isfinite(float(cell)) for cell in cells.values())
 
 
 def test_nothing_in_the_package_unpickles_or_evaluates():

@@ -56,9 +56,14 @@ def opened(browser: Any, address: str) -> Iterator[tuple[Any, list[str], list[st
     context.close()
 
 
-def test_every_figure_is_seen(opened: Any) -> None:
-    page, _, _ = opened
-    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
+UNFOLD = "for (const d of document.querySelectorAll('details')) d.open = true"
+
+
+def test_every_figure_is_seen_and_nothing_is_asked_from_elsewhere(
+    opened: Any, address: str
+) -> None:
+    page, complaints, requests = opened
+    page.evaluate(UNFOLD)
     figures = page.locator("figure")
     assert figures.count() == 17
     for k in range(figures.count()):
@@ -67,37 +72,22 @@ def test_every_figure_is_seen(opened: Any) -> None:
         assert drawn["width"] > 300, figure.get_attribute("id")
         assert drawn["height"] > 100, figure.get_attribute("id")
         assert figure.locator("figcaption").inner_text().strip()
-
-
-def test_nothing_is_asked_from_elsewhere_and_nothing_goes_wrong(opened: Any, address: str) -> None:
-    _, complaints, requests = opened
+    tile = page.locator(".tile").first  # of the gallery: enlarged, and put back
+    small = tile.locator("svg").bounding_box()["width"]
+    tile.locator("a").first.click()
+    assert tile.locator("svg").bounding_box()["width"] > 3 * small
+    tile.locator("a.close").click()
+    assert tile.locator("svg").bounding_box()["width"] == pytest.approx(small, rel=0.1)
     assert complaints == []
     assert {r for r in requests if not r.startswith(("data:", "blob:"))} == {address}
 
 
-def test_a_narrow_screen_needs_no_scrolling_sideways(opened: Any) -> None:
+def test_a_telephone_needs_no_scrolling_sideways_and_text_is_legible_there(opened: Any) -> None:
     page, _, _ = opened
+    page.evaluate(UNFOLD)
     page.set_viewport_size(NARROW)
     page.wait_for_timeout(300)
     assert page.evaluate("document.documentElement.scrollWidth") <= NARROW["width"]
-    page.set_viewport_size(WIDE)
-
-
-def test_a_run_of_the_gallery_is_enlarged_and_put_back(opened: Any) -> None:
-    page, complaints, _ = opened
-    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
-    tile = page.locator(".tile").first
-    small = tile.locator("svg").bounding_box()["width"]
-    tile.locator("a").first.click()
-    large = tile.locator("svg").bounding_box()["width"]
-    assert large > 3 * small
-    tile.locator("a.close").click()
-    assert tile.locator("svg").bounding_box()["width"] == pytest.approx(small, rel=0.1)
-    assert complaints == []
-
-
-def test_text_of_the_figures_is_legible_on_a_telephone(opened: Any) -> None:
-    page, _, _ = opened
     page.set_viewport_size({"width": 420, "height": 900})
     page.wait_for_timeout(300)
     heights = page.evaluate(

@@ -18,26 +18,21 @@ from report_belt_data import (
     SPEEDS,
     STATUS,
     TENSION,
-    changed,
     results,
     sheets,
     stating,
     surface,
 )
 
-import beltid
 from beltid.report.charts import (
     CHARTS,
     Picture,
-    group,
     inline_svg,
-    legend_below,
-    pictures_of,
     saved,
 )
 from beltid.report.figures.friction import sampled
 from beltid.report.page import Page
-from beltid.report.results import BeltResults, Sheet, class_name, settings_of, sheet_of
+from beltid.report.results import BeltResults
 
 mpl.use("agg")
 
@@ -74,18 +69,6 @@ def test_every_figure_is_drawn_and_its_axes_have_units(drawn_page: Page) -> None
         assert sum("[" in text for text in labels) >= 2 - ("budget" in picture.key), picture.key
 
 
-@pytest.mark.parametrize("name", ["friction", "compare", "surface"])
-def test_a_logarithmic_axis_says_so_in_every_figure(name: str) -> None:
-    force = sheets()[name]["normal_force_N_m"]
-    wide = changed(sheets()[name], normal_force_N_m=(force / force.min()) ** 3)
-    every = [a for p in pictures_of(wide) for a in p.figure.axes if a.name != "3d"]
-    sides = [
-        (getattr(a, f"get_{x}scale")(), getattr(a, f"get_{x}label")()) for a in every for x in "xy"
-    ]
-    assert any(scale == "log" for scale, _ in sides)
-    assert all(label.endswith(", log") == (scale == "log") for scale, label in sides)
-
-
 def test_the_press_is_drawn_with_the_law_of_its_temperature() -> None:
     (axes,) = drawn("press-temperature")
     assert line(axes, "60 °C")[-1] == pytest.approx((100.0, 6.6e7 * 1e-4 + 3.1e11 * 1e-8))
@@ -112,36 +95,6 @@ def test_measured_coefficients_are_the_runs_that_can_be_used() -> None:
     assert len(axes.containers) == len(ARCS) * len(SPEEDS)
     expected = np.column_stack([TENSION / RADIUS, MU])[STATUS == "ok"]
     np.testing.assert_allclose(in_order(bars(axes)), in_order(expected))
-
-
-def test_a_random_design_is_drawn_in_a_few_classes() -> None:
-    rng = np.random.default_rng(5)
-    speed = np.exp(rng.uniform(np.log(2.0), np.log(50.0), 120))
-    # each its own, or neighbours that chain
-    for values in (speed, rng.uniform(35.0, 130.0, 120), rng.uniform(35.0, 40.0, 120)):
-        classes = settings_of(values, 8)
-        assert 1 <= len(classes) <= 8
-        assert sorted(np.concatenate(classes)) == list(range(values.size))  # every run, once
-    names = [class_name(speed[rows]) for rows in settings_of(speed, 8)]
-    assert names[0].startswith(f"{speed.min():.3g} to ")
-    assert names[-1].endswith(f" to {speed.max():.3g}")
-
-
-def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
-    fig = Figure(layout="constrained")
-    axes = fig.subplots()
-    for k in range(30):
-        label = f"a belt with a name of many more words than it needs to be told apart {k}"
-        axes.plot([0.0, 1.0], [k, k], label=label)
-    legend_below(fig)
-    saved(fig, "png")
-    extent = fig.legends[0].get_window_extent()
-    assert extent.x0 >= 0.0
-    assert extent.x1 <= fig.bbox.width
-    assert len(fig.legends[0].get_texts()) == 12
-    assert axes.get_window_extent().height > 2.0 * fig.dpi
-    looks = [group(k) for k in range(10)]
-    assert len({(look["color"], look["marker"]) for look in looks}) == 10
 
 
 def test_map_holds_the_surface_the_points_and_the_range() -> None:
@@ -207,34 +160,3 @@ def test_the_same_data_give_the_same_bytes_and_names_within_a_figure_are_its_own
     assert all(name.startswith("mine-") for name in names)
     assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', text)) <= set(names)
     assert "<?xml" not in text
-
-
-TRIANGLE: dict[str, Any] = {
-    "method": "string",
-    "initial_tension_N": [300],
-    "pulleys": [
-        {"name": "driver", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.05},
-        {"name": "idler", "x_m": 0.15, "y_m": 0.02, "radius_m": 0.03, "side": "back"},
-        {"name": "load", "x_m": 0.30, "y_m": 0.10, "radius_m": 0.06},
-    ],
-    "operating_points": {"driver_speed_rad_s": [60], "torque_N_m": {"load": [4, 8]}},
-}
-
-
-@pytest.fixture(scope="module")
-def drive() -> Sheet:
-    made = beltid.simulate_drive({"drive": TRIANGLE}, 1.0, beltid.NormalLaw(6.5e7, 3.0256e11))
-    return sheet_of(made.as_artifact())
-
-
-def test_spans_in_the_drawing_touch_the_pulleys(drive: Sheet) -> None:
-    pictures = pictures_of(drive)
-    assert [p.key for p in pictures] == ["drawing", "loss"]
-    axes = pictures[0].figure.axes[0]
-    spans = [np.column_stack(line.get_data()) for line in axes.lines]
-    assert [patch.get_radius() for patch in axes.patches] == [0.05, 0.03, 0.06]
-    for i, patch in enumerate(axes.patches):
-        centre, radius = np.array(patch.get_center()), patch.get_radius()
-        for tip, along in ((spans[i - 1][1], spans[i - 1]), (spans[i][0], spans[i])):
-            assert np.hypot(*(tip - centre)) == pytest.approx(radius)
-            assert np.diff(along, axis=0) @ (tip - centre) == pytest.approx(0.0, abs=1e-12)

@@ -13,7 +13,7 @@ import beltid
 from beltid.config import find_config
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
-from beltid.stages.friction import SMALL_SAMPLES, typical_runs
+from beltid.stages.friction import SMALL_SAMPLES
 from beltid.store.artifact import Artifact, read_artifact
 
 CELLS = ((1.25, 12.0), (0.8, -7.0))
@@ -71,25 +71,6 @@ def test_the_curves_of_the_report_are_those_of_the_reduction(bench: Path) -> Non
         assert 40 < kept.size <= SMALL_SAMPLES < len(of)
         extremes = (of.tension_tight_N.max(), of.tension_tight_N.min())
         assert (kept.max(), kept.min()) == pytest.approx(extremes)
-
-
-def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:
-    rng = np.random.default_rng(3)
-    table = {
-        "arc_deg": rng.uniform(35.0, 130.0, 120),
-        "nominal_tension_N": rng.uniform(50.0, 400.0, 120),
-        "slip_speed_m_s": rng.uniform(0.002, 0.05, 120),
-        "status": np.where(np.arange(120) % 7, "ok", "never turned").astype(object),
-    }
-    rows = list(typical_runs(table))
-    assert len(rows) == 4
-    assert set(table["status"][rows]) == {"ok"}
-    arcs = table["arc_deg"][rows]
-    assert list(arcs) == sorted(arcs)
-    assert arcs[-1] - arcs[0] > 0.5 * 95.0
-    table["arc_deg"] = np.repeat([40.2, 39.8, 68.0, 82.0], 30)  # settings: a run of each
-    of_settings = table["arc_deg"][list(typical_runs(table))]
-    assert of_settings == pytest.approx([40.0, 68.0, 82.0], rel=0.01)
 
 
 @pytest.mark.parametrize(("span_m", "EA_N", "arc_deg"), [(0.03, 1e5, 25.0), (1.0, 2e4, 170.0)])

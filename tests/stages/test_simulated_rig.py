@@ -154,9 +154,7 @@ def test_the_level_of_every_run_is_that_on_which_it_settles(belt: Any) -> None:
     rate = np.log1p(v / 0.002) / np.log1p(0.01 / 0.002)
     mu = 1.05 * (f[:, None] / 5400.0) ** -0.2 * (1.0 + 0.5 * (rate - 1.0))
     surface, parts, settled = FrictionSurface(f, v, mu), [], []
-    for k, (arc, tension, speed) in enumerate(
-        product((40, 68, 82), (40, 130, 220, 340), (0.05, 0.21, 0.84))
-    ):
+    for k, (arc, tension, speed) in enumerate(product((40, 82), (40, 340), (0.05, 0.84))):
         run = {"arc_deg": arc, "initial_tension_N": tension, "pulley_speed_rad_s": speed}
         one = beltid.simulate_rig(config, surface, NormalLaw(*law), method="transient", **run)
         parts.append(one.recording.assign(run=str(k)))

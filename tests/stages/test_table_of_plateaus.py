@@ -158,14 +158,6 @@ def test_a_pulley_that_does_not_give_way_to_a_constant_force_is_reported(share, 
     assert ["1.25 times" in line for line in said] == [True] * told
 
 
-def test_a_condition_that_no_run_has_and_a_back_are_said():
-    table, _ = by_kind("two_cells")
-    outcome = fit_friction(table.assign(condition="Dry", side="back"))
-    assert any("back of the belt" in line for line in outcome.warnings)
-    with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):
-        build_surface(outcome.to_frame(), condition="dusty")
-
-
 def test_a_run_down_is_refused_for_a_table_of_plateaus():
     time, half = np.arange(0.0, 20.0, 0.02), 0.5 * 0.5 * np.radians(90.0)
     run_down = pd.DataFrame(
