@@ -32,15 +32,9 @@ BASE = Recipe()
     ("recipe", "allowed"),
     [
         (BASE, 0.002),
-        (BASE.but(noise=2.0), 0.006),
-        (BASE.but(ripple=0.01, ripple_period=2.3), 0.002),
-        (BASE.but(peak=0.0), 0.0015),
         (BASE.but(tail=2.0), 0.005),
         (BASE.but(rate=2000.0, duration=3.0, tail=0.3), 0.0005),
-        (BASE.but(rate=200.0, duration=2.0, rest=0.3, build_up=0.05, tail=0.2), 0.0015),
-        (BASE.but(run_up=0.5), 0.0015),
         (BASE.but(mu=0.3, arc_deg=20.0), 0.012),
-        (BASE.but(mu=0.3, arc_deg=170.0), 0.002),
     ],
     ids=lambda value: None if isinstance(value, float) else "rig",
 )
