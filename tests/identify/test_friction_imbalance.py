@@ -73,7 +73,7 @@ def test_a_gain_of_the_cells_is_an_uncertainty_that_is_stated() -> None:
     assert any("1.2 %" in line and "cell_gain_rel" in line for line in outcome.warnings)
 
 
-@pytest.mark.parametrize(("gain", "held"), [(0.02, 0.0), (-0.02, 0.03), (0.0, 0.02)])
+@pytest.mark.parametrize(("gain", "held"), [(-0.02, 0.03), (0.0, 0.02)])
 def test_a_gain_is_found_by_runs_in_both_directions(gain: float, held: float) -> None:
     outcome, error, se = reduced(bench(held, gain=gain, reversed_runs=True))
     assert rms(error) < 0.003
