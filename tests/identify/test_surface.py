@@ -390,17 +390,6 @@ def test_half_way_between_two_runs_the_error_falls_by_root_two() -> None:
     assert pair.covariance(middle)[0, 0] == pytest.approx(0.01**2 / 2, rel=1e-12)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(2, 8))
-@settings(max_examples=15, deadline=None)
-def test_curve_stays_between_neighbouring_points(seed: int, n: int) -> None:
-    mu = np.random.default_rng(seed).uniform(0.5, 1.5, n)
-    for k in range(n - 1):
-        values = curve_of(mu, np.zeros(n)).at(np.geomspace(F[k], F[k + 1], 20))
-        low, high = sorted(mu[k : k + 2])
-        assert np.all(values >= low * (1 - 1e-13))
-        assert np.all(values <= high * (1 + 1e-13))
-
-
 def test_precise_repetitions_count_more_than_rough_ones() -> None:
     points = Points(
         arc_deg=np.full(3, 40.0),

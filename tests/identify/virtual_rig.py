@@ -25,11 +25,6 @@ from scipy.signal import lfilter
 from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import TWO_CELLS, run_records
 
-
-def reduce_runs(columns, R, kind=TWO_CELLS):
-    return reduce_records(run_records(columns, R, kind), R)
-
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -48,6 +43,11 @@ SHAPES: dict[str, Callable[[Array], Array]] = {
 """Decay of the sticking peak over the time since the build-up in units of the recipe's `tail`."""
 
 
+def reduce_runs(columns, R, kind=TWO_CELLS):
+    """Reduce a recording with all its runs together."""
+    return reduce_records(run_records(columns, R, kind), R)
+
+
 @dataclass(frozen=True)
 class Noise:
     """Slow noise of the zeros of the load cells, on top of the white noise."""
@@ -57,8 +57,8 @@ class Noise:
     """Standard deviation [N]: stationary ("ar"), after `time` ("walk"), in the band from once per
     record to half the sampling rate ("1/f")."""
     time: float = 1.0  # correlation time ("ar") or time after which a walk has reached `sd` [s]
-    cells: Literal["both", "tight", "slack", "common", "opposite"] = "both"
-    """Whose: each cell its own, one only, or the same in both with equal or opposite sign."""
+    cells: Literal["both", "tight", "slack", "opposite"] = "both"
+    """Whose: each cell its own, one only, or the same in both with opposite sign."""
 
 
 @dataclass(frozen=True)
@@ -190,13 +190,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Recordings with their truth, shape (n runs,) each but the columns."""
+    """Recordings with their truth, shape (n runs,)."""
 
     columns: dict[str, Array]  # the columns of rig.csv; runs are labelled 0, 1, 2 ... in order
     mu: Array
-    initial_tension_N: Array  # mean tension of the spans at the start of the rotation
-    arc_deg: Array
-    omega: Array
 
 
 def draw(case: Case | str, n: int, seed: int = 0) -> Drawn:
@@ -233,7 +230,7 @@ def _drawn(case: Case, n: int, rng: np.random.Generator) -> Drawn:
         initial = nominal * (1.0 + 0.01 * rng.normal(size=n))
         mu = belt.friction(arc, initial, omega)
         end, slowest = r.rest + sliding, min(belt.speeds)
-    frame, mu, left = _runs(r, arc, initial, omega, mu, end, slowest, rng)
+    frame, mu = _runs(r, arc, initial, omega, mu, end, slowest, rng)
     if case.spoil is not None:
         case.spoil(frame, rng)
     row = np.nonzero(frame.kept)[0]
@@ -246,7 +243,7 @@ def _drawn(case: Case, n: int, rng: np.random.Generator) -> Drawn:
         "arc_deg": arc[row],
         "initial_tension_N": nominal[row],
     }
-    return Drawn(columns, mu, initial * left, arc, omega)
+    return Drawn(columns, mu)
 
 
 def _settings(belt: Belt, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
@@ -272,8 +269,8 @@ def _runs(
     end: Array,
     slowest: float,
     rng: np.random.Generator,
-) -> tuple[Frame, Array, Array]:
-    """The readings, the true mu_sliding, and the part of the tension left at the start."""
+) -> tuple[Frame, Array]:
+    """The readings and the true mu_sliding."""
     n = omega.size
     arc_deg, initial, omega, end = (x[:, None] for x in (arc_deg, initial, omega, end))
     length = end + r.idle + (end - r.rest if r.again else 0.0)
@@ -329,7 +326,6 @@ def _runs(
             "both": (one, other),
             "tight": (one, 0.0),
             "slack": (0.0, other),
-            "common": (one, one),
             "opposite": (one, -one),
         }
         for cell, noise in zip(cells, in_cells[part.cells], strict=True):
@@ -337,8 +333,7 @@ def _runs(
     if r.noise:
         speed = speed * (1.0 + 4e-3 * rng.normal(size=t.shape)) + 5e-5 * rng.normal(size=t.shape)
     sliding = (after > 0.0) & moves
-    at_start = 1.0 - r.relaxation * (1.0 - np.exp(-r.rest / r.relaxation_time))
-    return Frame(t, cells, speed, sliding, kept, r.rate), truth, np.full(n, at_start)
+    return Frame(t, cells, speed, sliding, kept, r.rate), truth
 
 
 def _ramp(t: Array, run_up: float) -> Array:

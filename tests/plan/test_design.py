@@ -139,18 +139,6 @@ def test_a_plan_has_two_arcs_and_a_repeated_run_though_the_noise_asks_for_neithe
     assert (len(set(chosen)) < count) == (count >= 3)
 
 
-def test_the_same_candidates_give_the_same_plan():
-    before, runs, W, _ = a_model(seed=5, n=30)
-    first = choose_runs(before, runs, W, 9)
-    assert all(choose_runs(before, runs, W, 9) == first for _ in range(3))
-    # candidates that are worth the same: the first of them
-    twice = RunRows(
-        *(np.concatenate([part, part]) for part in (runs.J, runs.S)),
-        *(np.concatenate([part, part]) for part in (runs.variance, runs.arc)),
-    )
-    assert choose_runs(before, twice, W, 9) == first
-
-
 # A decay exp(-g t), g unknown, noise 0.005 (1 + t): the time that NIST's optbayesexpt measures at
 # next, and its mean of g before and after the datum, its standard deviation of g after. Computed
 # with the particle update and the utility `variance_approx` of its source (obe_base.py,
@@ -230,12 +218,6 @@ def test_as_few_runs_as_reach_the_goal():
     # one of 12 + 4 left out: sqrt(16 / 15)
     np.testing.assert_allclose(list(plan.gains.values()), math.sqrt(16.0 / 15.0) - 1.0, rtol=1e-4)
     assert [row["after_percent"] for row in plan.regions] == pytest.approx([25.0] * 4, rel=1e-5)
-
-
-def test_stop_where_the_goal_is_reached():
-    runs = level_runs(1.0, (0.0, 0.0, 0.0))
-    plan = choose_plan(known_by(runs, 20), runs, TARGET, SOURCES, 12, goal=0.25)
-    assert (plan.stop, plan.chosen, plan.after) == ("goal reached", (), plan.before)
 
 
 def test_stop_where_shared_errors_remain_with_the_statement_that_helps_most():

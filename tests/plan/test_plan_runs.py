@@ -40,8 +40,6 @@ def test_from_results_it_goes_on_from_their_uncertainty():
     frame = planned.to_frame()
     assert (frame["pulley_speed_rad_s"] < 0.0).any()
     assert planned.result.plan.after < planned.result.plan.before
-    again = beltid.plan_runs(known, LAW, CONFIG, friction=runs, runs=4, goal_u=0.0)
-    pd.testing.assert_frame_equal(again.to_frame(), frame)  # deterministic
 
 
 def test_what_a_plan_cannot_go_on_from_is_refused():

@@ -12,7 +12,7 @@ from truth.bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, sol
 
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.params import GivenForce, OperatingPoint
+from beltid.params import OperatingPoint
 from beltid.refine import inverse
 from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
 from beltid.refine.posterior import SCATTER, campaign_effects
@@ -167,20 +167,6 @@ def test_coefficients_that_no_surface_gives_are_reported() -> None:
     absurd = of.measured.mu * np.where(np.arange(N) < 12, 60.0, 1.0)
     with pytest.raises(ConvergenceError):
         refine_surface(replace(of, measured=replace(of.measured, mu=absurd)), TWO)
-
-
-@pytest.mark.parametrize(
-    "given", ["hub", *(pytest.param(span, marks=pytest.mark.long) for span in ("tight", "slack"))]
-)
-def test_sliding_states_of_another_model_give_its_surface(given: GivenForce) -> None:
-    """The truth of the synthetic bench, its tensions as if one, or their sum, had been given."""
-    of = campaign(speeds=TWO, given=given)
-    m = of.measured
-    T_0 = {"hub": 0.5 * (m.tight + m.slack), "tight": m.tight, "slack": m.slack}[given]
-    of = replace(of, measured=replace(m, T_0=T_0))
-    rms, worst = errors("5pk", refine_surface(of, TWO).surface, of, TWO)
-    assert rms < 0.002
-    assert worst < 0.005
 
 
 def test_only_the_right_boundary_recovers_the_surface() -> None:

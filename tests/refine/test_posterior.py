@@ -136,18 +136,6 @@ def test_the_share_a_free_surface_explains_is_a_multiple_correlation() -> None:
     assert model.explained(z, free) == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize("arcs", [2, 3])
-def test_arcs_that_differ_are_covered_by_the_size_of_their_effect(arcs: int) -> None:
-    """An arc that was not seen, against the mean of those seen."""
-    z, rng = [], np.random.default_rng(7)
-    for seed in range(25):
-        effects = 0.01 * rng.normal(size=arcs + 1)
-        model, _ = with_data(runs(seed, arcs), seed, effects[:-1])
-        size = model.choose({}).sizes[ARC]
-        z.append((effects[-1] - effects[:-1].mean()) / (size * np.sqrt(1.0 + 1.0 / arcs)))
-    assert 0.6 < np.mean(np.abs(z) < 1.96) < 1.0
-
-
 def test_a_few_runs_that_fit_by_chance_are_not_called_exact() -> None:
     model, h = with_data(runs(), 8)
     assert replace(model, y=model.X @ h).choose({}).sizes[NOISE] == 0.5

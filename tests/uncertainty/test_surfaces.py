@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
+from virtual_bench import GIVEN, SMALL, read_campaign
 
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
@@ -83,26 +83,3 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     np.testing.assert_allclose(both, expected, atol=1e-5)
     other = published_grid(measured.corrected(Errors.single(sources[0])))
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)
-
-
-@pytest.mark.long
-def test_intervals_of_the_refined_surface_hold_the_truth():
-    # 10 campaigns, errors of the bench drawn anew for each; benchmarks/coverage.py draws many
-    found = [repetition(replace(SMALL, noise=0.002), 50 + seed) for seed in range(10)]
-    z = np.array([r.error / r.combined for r in found])
-    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
-    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.35
-    # the scatter alone, as if many runs averaged the bench's errors away, does not hold it
-    alone = np.array([r.error / r.scatter for r in found])
-    assert np.mean(np.abs(alone) < 1.96) < 0.8
-
-
-@pytest.mark.long
-def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
-    design = replace(SMALL, given=NO_ERRORS, noise=0.001, shared=0.01)
-    found = [repetition(design, 200 + seed) for seed in range(12)]
-    z = np.array([r.error / r.combined for r in found])
-    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
-    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
-    alone = np.array([r.error / r.scatter for r in found])
-    assert np.mean(np.abs(alone) < 1.96) < 0.5

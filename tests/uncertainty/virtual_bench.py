@@ -24,12 +24,7 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.simulated import Campaign, simulated_runs
-from beltid.uncertainty.sources import (
-    SURFACE,
-    StandardUncertainties,
-    reduction_sources,
-    stated_sources,
-)
+from beltid.uncertainty.sources import SURFACE, StandardUncertainties, stated_sources
 
 BELT, RIG, LAW = Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), NormalLaw(6.5e7, 3.0256e11)
 FINER = 1.5
@@ -75,7 +70,6 @@ class Design:
     """Arcs [deg], initial tensions [N], speeds [rad/s]."""
     noise: float = 0.003
     given: StandardUncertainties = field(default=GIVEN)
-    shared: float = 0.0  # size of an error of ln mu in all runs, larger at low tension
     mu: Callable[[np.ndarray, np.ndarray], np.ndarray] = true_mu
     arc_effect: float = 0.0  # standard deviation of ln mu of an arc
     belt: Belt = BELT
@@ -155,12 +149,8 @@ def read(design: Design, rng: np.random.Generator) -> Measured:
 def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
     """What the bench reads of a campaign, with noise, and errors drawn for it."""
     exact = read(design, rng)
-    noise, columns = design.noise * rng.standard_normal(exact.mu.size), {}
-    if design.shared:
-        columns["shared_tail"] = design.shared * np.sqrt(100.0 / exact.T_0)[:, None]
-        noise = noise + columns["shared_tail"][:, 0] * rng.standard_normal()
-    measured = exact.scattered(noise)
-    return design.campaign(replace(measured, mu_se=design.noise * measured.mu, columns=columns))
+    measured = exact.scattered(design.noise * rng.standard_normal(exact.mu.size))
+    return design.campaign(replace(measured, mu_se=design.noise * measured.mu))
 
 
 @dataclass(frozen=True)
@@ -175,8 +165,7 @@ class Repetition:
 def repetition(design: Design, seed: int) -> Repetition:
     """A campaign read, refined and compared with the truth."""
     campaign = read_campaign(design, np.random.default_rng(seed))
-    stated = stated_sources(design.given, SURFACE, len(design.settings[0]))
-    sources = (*stated, *reduction_sources(campaign.measured.columns))
+    sources = stated_sources(design.given, SURFACE, len(design.settings[0]))
     found = refine_surface(campaign, design.speeds, sources).uncertainty
     f, force = found.surface.normal_force_N_m, campaign.measured.normal_force
     inside = (f >= force.min()) & (f <= force.max())
