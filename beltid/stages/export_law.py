@@ -54,11 +54,10 @@ def run(
     source: Path | None,
     config: Path | None,
     out: Path | None,
+    surface: str | None,
+    exact_at: tuple[float | None, float | None],
     *,
-    force: bool = False,
-    surface: str | None = None,
-    normal_force_N_m: float | None = None,
-    slip_speed_m_s: float | None = None,
+    force: bool,
 ) -> Summary:
     """Write the law of a results folder or of a law file for one target or for all."""
     if target is None:
@@ -74,7 +73,7 @@ def run(
         )
     law = law_of_folder(source, config, surface) if source.is_dir() else _of_file(source, surface)
     folder = out or (source if source.is_dir() else source.parent) / "export"
-    point = reference_point(law, normal_force_N_m, slip_speed_m_s)
+    point = reference_point(law, *exact_at)
     names = tuple(TARGETS) if target == ALL else (target,)
     exports = {name: export(law, name, point) for name in names}
     files = {folder / name: data for made in exports.values() for name, data in made.files.items()}
