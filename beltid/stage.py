@@ -327,10 +327,7 @@ class Stage:
     def _read(
         self, reads: Mapping[str, Input], contents: Mapping[str, str], config: Config
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Read the inputs, which must fit together; return also their origin and ancestors.
-
-        An input by a keyword may be of another bench.
-        """
+        """Read the inputs, which must fit together; return also their origin and ancestors."""
         from beltid.bench.recording import read_recording
         from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
 

@@ -116,11 +116,8 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     data, tables = source.config.data.files, source.config.run_tables
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
-    wrong = list[tuple[KeyPath, str]]()
-    if not data:
-        wrong.append(
-            (("data",), " names no recording, must be at least one of press, rig and speedloss")
-        )
+    nothing = " names no recording, must be at least one of press, rig and speedloss"
+    wrong: list[tuple[KeyPath, str]] = [] if data else [(("data",), nothing)]
     for keys, file in named.items():
         try:
             sources_of(file, list(tables.values()))

@@ -31,7 +31,6 @@ from beltid.report.summary import Summary
 from beltid.stages.inputs import (
     Columns,
     friction_in,
-    friction_of,
     law_row,
     load_law,
     surface_from,
@@ -156,13 +155,18 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
         wanted = "refined" if (folder / SURFACES["refined"]).is_file() else "published"
     log.info("surface: %s", wanted)
     surface = read_artifact(folder / SURFACES[wanted], "surface")
-    refuse_misfits(a for a in (stiffness, surface, friction_in(folder)) if a is not None)
-    friction, row = friction_of(surface), law_row(stiffness)
+    friction, row = friction_in(folder), law_row(stiffness)
+    refuse_misfits(a for a in (stiffness, surface, friction) if a is not None)
+    if friction is not None and friction.sha256 != surface.record.inputs.get("friction"):
+        friction = None
     normal = {name: values[row] for name, values in stiffness.columns.items()}
     covariance = normal["covariance"].reshape(2, 2)
     normal["covariance"] = covariance if np.isfinite(covariance).all() else None
     made, pressed = surface.record, stiffness.record
     rows = (row for row in made.tables.get("budget", ()) if row["contribution_percent"] is not None)
+    valid = pressed.validity | made.validity
+    valid["measured_force_N_m"] = surface.facts.get("measured", {}).get("normal_force_N_m")
+    valid["press_force_N_m"] = valid.get("force_N_m")
     try:
         return ContactLaw(
             about=ABOUT,
@@ -176,12 +180,7 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
                 budget=tuple(part_of(Contribution, row) for row in rows),
                 **({} if friction is None else _sticking(friction.columns)),
             ),
-            validity=Validity(
-                measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
-                penetration_m=pressed.validity.get("penetration_m"),
-                press_force_N_m=pressed.validity.get("force_N_m"),
-                **made.validity,
-            ),
+            validity=part_of(Validity, valid),
             provenance=Provenance(
                 software=f"beltid {__version__}",
                 software_sha256=made.sources,
