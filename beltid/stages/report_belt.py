@@ -30,6 +30,7 @@ from beltid.stages.page_mark import (
     links_to,
     mark_to_write,
     recordings_of,
+    sealed,
 )
 from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, misfits, read_artifact, refuse_misfits
@@ -73,7 +74,7 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*result.problems, *problems]
             results = [replace(result, profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        text = rendered(page).encode()
+        text = sealed(rendered(page)).encode()
         write_bytes(out, text)
         facts = {
             "figures": sum(len(section.pictures) for section in page.sections),
