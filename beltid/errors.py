@@ -20,6 +20,7 @@ ALIKE: Final = 3  # similar problems, one by one
 PlaceOf = Callable[[int], tuple[str, int]]
 """Row index -> text of its place, and its line number for sorting the messages."""
 EXIT_DONE = 0
+EXIT_BUG = 1
 EXIT_INPUT = 2
 EXIT_NUMERICS = 3
 EXIT_OUT_OF_TOLERANCE = 4

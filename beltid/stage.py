@@ -165,8 +165,6 @@ class Stage:
     file: str | Callable[..., str] = ""  # name of the file, or its function of the options
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
     """Adds inputs that lie beside the given ones."""
-    writes: Callable[[Outcome[Any]], bytes] | None = None
-    """Turns the outcome into the bytes of a file that is no artifact."""
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -310,7 +308,8 @@ class Stage:
         from beltid.store.disk import FOREIGN, OURS, check_place, opened
 
         data, existing = b"", None
-        if self.writes is None and out.suffix == SUFFIX and out.is_file():
+        ending = Path(self.file_name()).suffix
+        if ending == SUFFIX and out.suffix == SUFFIX and out.is_file():
             with opened(out, ArtifactError) as file:
                 data = file.read()
         kind = kind_in(data)
@@ -321,17 +320,14 @@ class Stage:
         inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
         named = source.config.data.files.items()
         inputs |= {f"{name} recording of the config": path for name, path in named}
-        owner = None if self.writes else lambda path: whose
-        check_place(out, (Path(self.file_name()).suffix,), owner, inputs=inputs, force=force)
+        owner = (lambda path: whose) if ending == SUFFIX else None
+        check_place(out, (ending,), owner, inputs=inputs, force=force)
         return existing
 
     def _read(
         self, reads: Mapping[str, Input], contents: Mapping[str, str], config: Config
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Read the inputs, which must fit together; return also their origin and ancestors.
-
-        An input by a keyword may be of another bench.
-        """
+        """Read the inputs, which must fit together; return also their origin and ancestors."""
         from beltid.bench.recording import read_recording
         from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
 
@@ -358,15 +354,15 @@ class Stage:
         return items, {"origin": origin, "ancestors": ancestors}
 
     def _write(self, outcome: Outcome[Any], record: Record, out: Path) -> Artifact:
-        """Write the outcome; return it as read back."""
+        """Write the outcome as an artifact, or for the operator of the bench as CSV."""
         from beltid.store.artifact import Artifact, write_artifact
-        from beltid.store.disk import sha256, write_bytes
+        from beltid.store.disk import write_bytes
 
-        if self.writes is None:
+        if self.file_name().endswith(SUFFIX):
             return write_artifact(out, outcome.columns, record)
-        data = self.writes(outcome)
-        write_bytes(out, data)
-        return Artifact(outcome.columns, record, out, sha256(data))
+        text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
+        write_bytes(out, text.encode())
+        return Artifact(outcome.columns, record, out, "")
 
 
 STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work

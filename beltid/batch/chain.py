@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any, Final
 
 import beltid.stages.steps  # noqa: F401  makes the stages known
 from beltid.config import Config, ConfigSource
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
+from beltid.errors import EXIT_BUG, EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
 from beltid.report.summary import Summary
 from beltid.report.view import summary_of
@@ -92,11 +93,16 @@ class Belt:
     new: bool = False  # whether anything was computed
     page: OnPage | None = None  # what its report shows, if there is one
 
-    def failed(self, name: str, error: BeltidError) -> None:
-        """Record and log that a step failed."""
+    def failed(self, name: str, error: Exception) -> None:
+        """Record and log that a step failed; a bug, with its traceback, costs only this step."""
+        status, problems = EXIT_BUG, [f"{type(error).__name__}: {error}"]
+        if isinstance(error, BeltidError):
+            status, problems = error.exit_status, [*error.problems]
+        else:
+            log.error("%s", "".join(traceback.format_exception(error)).rstrip())
         self.states[name] = FAILED
-        self.troubles[name] = (error.exit_status, error.problems)
-        _say(logging.ERROR, name, error.problems)
+        self.troubles[name] = (status, tuple(problems))
+        _say(logging.ERROR, name, problems)
 
     def has(self, name: str, said: Summary, spent_s: float) -> None:
         """Record and log what a step has made, or found up to date."""
@@ -193,7 +199,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 except TooFewSettings as error:
                     belt.states[step.name] = "too few settings"
                     _say(logging.WARNING, step.name, error.problems)
-                except BeltidError as error:
+                except Exception as error:
                     belt.failed(step.name, error)
         if "not simulated" in belt.states.values():
             from beltid.stages.rig import NOT_SIMULATED
@@ -220,10 +226,11 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
                 page, state, belt.new = write_page([shown], out, mark), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
-        except (BeltidError, OSError) as error:  # matplotlib may have no folder to write to
-            belt.failed(
-                REPORT, error if isinstance(error, BeltidError) else BeltidError(f"{error}")
-            )
+        except OSError as error:  # matplotlib may have no folder to write to
+            belt.failed(REPORT, BeltidError(f"{error}"))
+            return
+        except Exception as error:
+            belt.failed(REPORT, error)
             return
         belt.states[REPORT], belt.page = state, shown
         log.info("%s: %s, %s", REPORT, state, out)

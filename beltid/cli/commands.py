@@ -225,16 +225,8 @@ def export(
     """
     from beltid.stages.export_law import run
 
-    return run(
-        target,
-        source,
-        common.config,
-        common.out,
-        force=common.force,
-        surface=surface,
-        normal_force_N_m=normal_force,
-        slip_speed_m_s=speed,
-    )
+    exact_at, out = (normal_force, speed), common.out
+    return run(target, source, common.config, out, surface, exact_at, force=common.force)
 
 
 config_app = plain_typer(

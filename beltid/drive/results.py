@@ -27,7 +27,6 @@ FULL_SLIP: Final = "full slip"
 GROSS_SLIP: Final = "gross slip"
 SLACK: Final = "slack"
 
-PLACES: Final = 60  # along the sliding arc of the string
 SHARES: Final = (
     "slip_speed_max_m_s",
     "normal_force_min_N_m",
@@ -156,24 +155,6 @@ class DriveResult:
                 f, v = rod.touching["f_N"], rod.touching["speed"]
             rows[i] = v.max(), f.min(), f.max(), *outside
         return {**dict(zip(SHARES, rows.T, strict=True)), "steady_states": states}
-
-    def along_arc(self, i: int) -> tuple[Array, Array, Array]:
-        """Return angle from the entry [rad], line force [N/m] and slip [m/s] along an arc.
-
-        The pulleys count in the running order; the slip is > 0 where one is ahead of the belt.
-        """
-        state, level, rod = self.state, self.state.level, self._rods[i]
-        if rod is not None:
-            angle = rod.touching["theta"] + 0.5 * float(self.rest.laid.wraps[i])
-            return angle, rod.touching["f_N"], rod.touching["slip"]
-        # the adhesion arc, then the sliding arc, with (D4) summed over steps of ln P
-        P = np.geomspace(state.P_in[i], state.P[i], PLACES)
-        force, slip, mu = level.along_arc(i, P, state.v0, float(state.arcs.slip[i]))
-        steps = 0.5 * (1.0 / mu[1:] + 1.0 / mu[:-1]) * np.abs(np.diff(np.log(P)))
-        from_exit = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
-        angle = np.append(0.0, np.maximum(state.laid.wraps[i] - from_exit, 0.0))
-        ahead = math.copysign(1.0, P[0] - P[-1])
-        return angle, np.append(force[0], force), ahead * np.append(slip[0], slip)
 
     def _magnitude(self, state: LoopState) -> Array:
         """Return the absolute speeds of the pulleys [rad/s]."""

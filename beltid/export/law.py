@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -55,6 +56,14 @@ class Part(BaseModel):
     """A closed, frozen part of the law."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=False)
+
+
+Known = TypeVar("Known", bound=Part)
+
+
+def part_of(part: type[Known], values: Mapping[str, Any]) -> Known:
+    """Make a part of a law from those values that it has."""
+    return part(**{name: value for name, value in values.items() if name in part.model_fields})
 
 
 class BeltFacts(Part):

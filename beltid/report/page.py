@@ -294,7 +294,6 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
             path += f"{pen}{at:.1f} {height:.1f}" if np.isfinite(height) else ""
             pen = "L" if np.isfinite(height) else "M"
         yield {
-            "key": f"tile-{row}",
             "title": f"{run}: {known}",
             "why": "" if status == "ok" else status,
             "path": path,

@@ -85,11 +85,7 @@ def _within(sheet: Sheet) -> str:
 
 
 def _missing_evidence(results: BeltResults) -> Iterator[str]:
-    """Yield what prevents results that agree from counting as proven.
-
-    A surface over force and speed needs three of each to show its shape, and two arcs to show that
-    it is one surface.
-    """
+    """Yield what prevents results that agree from counting as proven."""
     for sheet, without, misses in (
         (
             results.get("compare_refined"),
@@ -110,7 +106,7 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
     if friction := results.get("friction"):
         for setting, column, enough in (
             ("contact arc", "arc_deg", 2),
-            (load_name(friction), "nominal_tension_N", 3),
+            (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
             ("sliding speed", "slip_speed_m_s", 3),
         ):
             n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))

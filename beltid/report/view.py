@@ -107,7 +107,7 @@ COLUMNS: Final = {
 """Columns of further tables that have more."""
 POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
-FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
+FOR_REPORT: Final = ("uncertainty", "laid", "averaged")
 """What only other stages and the report read."""
 
 

@@ -113,21 +113,20 @@ def lacking(config: Config) -> list[str]:
 def wrong_recordings(source: ConfigSource) -> list[str]:
     """Return problems of the recordings that a config names, each with its line in the config."""
     assert source.path is not None
-    places, data = read_source(source.path), source.config.data.files
-    tables, problems = source.config.run_tables, list[str]()
-    if not data:
-        place = places.at(places.place(("data",)))
-        text = "data names no recording, must be at least one of press, rig and speedloss"
-        problems.append(f"{place}{text}")
+    data, tables = source.config.data.files, source.config.run_tables
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
+    nothing = " names no recording, must be at least one of press, rig and speedloss"
+    wrong: list[tuple[KeyPath, str]] = [] if data else [(("data",), nothing)]
     for keys, file in named.items():
-        place = f"{places.at(places.place(keys))}{format_path(keys)}"
         try:
             sources_of(file, list(tables.values()))
         except InputError as error:
-            problems += [f"{place} = {line}" for line in error.problems]
-    return problems
+            wrong += [(keys, f" = {line}") for line in error.problems]
+    if not wrong:
+        return []
+    places = read_source(source.path)
+    return [f"{places.at(places.place(k))}{format_path(k)}{text}" for k, text in wrong]
 
 
 def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:

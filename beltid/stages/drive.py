@@ -94,7 +94,6 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
         tables={
             "slip_limits": _limits(simulator, points, good),
             "laid": _layout_rows(drive, next(iter(good.values()))),
-            "arcs": _arcs(heaviest, good[heaviest]),
             "installed": _installed(section, drive, points[heaviest]),
             "budget": _budget(columns["speed_loss_rad_s"], sources, uncertainty),
         },
@@ -371,18 +370,6 @@ def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
         }
         for i, pulley in enumerate(drive.pulleys)
     ]
-
-
-def _arcs(run: str, result: DriveResult) -> Rows:
-    """Return line force and sliding speed along every arc; none without a steady state."""
-    rows, state = [], result.state
-    for i, pulley in enumerate(result.drive.pulleys):
-        if not (state.slack or math.isnan(state.arcs.slip[i])):
-            angle, force, slip = result.along_arc(i)
-            contact = {"normal_force_N_m": force, "slip_speed_m_s": slip}
-            at = {"pulley": pulley.name, "run": run, "angle_deg": np.degrees(angle)}
-            rows.append({**at, **contact})
-    return rows
 
 
 def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:

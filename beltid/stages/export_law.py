@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from pydantic import ValidationError
@@ -22,6 +22,7 @@ from beltid.export.law import (
     Provenance,
     Validity,
     friction_part,
+    part_of,
     validation_problems,
 )
 from beltid.export.targets import TARGETS, Export, export, reference_point
@@ -30,7 +31,6 @@ from beltid.report.summary import Summary
 from beltid.stages.inputs import (
     Columns,
     friction_in,
-    friction_of,
     law_row,
     load_law,
     surface_from,
@@ -53,11 +53,10 @@ def run(
     source: Path | None,
     config: Path | None,
     out: Path | None,
+    surface: str | None,
+    exact_at: tuple[float | None, float | None],
     *,
-    force: bool = False,
-    surface: str | None = None,
-    normal_force_N_m: float | None = None,
-    slip_speed_m_s: float | None = None,
+    force: bool,
 ) -> Summary:
     """Write the law of a results folder or of a law file for one target or for all."""
     if target is None:
@@ -73,7 +72,7 @@ def run(
         )
     law = law_of_folder(source, config, surface) if source.is_dir() else _of_file(source, surface)
     folder = out or (source if source.is_dir() else source.parent) / "export"
-    point = reference_point(law, normal_force_N_m, slip_speed_m_s)
+    point = reference_point(law, *exact_at)
     names = tuple(TARGETS) if target == ALL else (target,)
     exports = {name: export(law, name, point) for name in names}
     files = {folder / name: data for made in exports.values() for name, data in made.files.items()}
@@ -156,60 +155,52 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
         wanted = "refined" if (folder / SURFACES["refined"]).is_file() else "published"
     log.info("surface: %s", wanted)
     surface = read_artifact(folder / SURFACES[wanted], "surface")
-    refuse_misfits(a for a in (stiffness, surface, friction_in(folder)) if a is not None)
-    friction, row, fitted = friction_of(surface), law_row(stiffness), stiffness.columns
-    normal = {name: plain(fitted[name][row]) for name in NormalPart.model_fields if name in fitted}
-    covariance = fitted["covariance"][row].reshape(2, 2)
-    normal["covariance"] = covariance.tolist() if np.isfinite(covariance).all() else None
-    recordings = stiffness.record.inputs | (friction.record.inputs if friction else {})
+    friction, row = friction_in(folder), law_row(stiffness)
+    refuse_misfits(a for a in (stiffness, surface, friction) if a is not None)
+    if friction is not None and friction.sha256 != surface.record.inputs.get("friction"):
+        friction = None
+    normal = {name: values[row] for name, values in stiffness.columns.items()}
+    covariance = normal["covariance"].reshape(2, 2)
+    normal["covariance"] = covariance if np.isfinite(covariance).all() else None
+    made, pressed = surface.record, stiffness.record
+    rows = (row for row in made.tables.get("budget", ()) if row["contribution_percent"] is not None)
+    valid = pressed.validity | made.validity
+    valid["measured_force_N_m"] = surface.facts.get("measured", {}).get("normal_force_N_m")
+    valid["press_force_N_m"] = valid.get("force_N_m")
     try:
         return ContactLaw(
             about=ABOUT,
             origin=combined_origin([stiffness.origin, surface.origin]),
-            belt=_belt(folder, surface, config),
+            belt=part_of(BeltFacts, _belt(folder, surface, config)),
             conditions=surface.facts.get("conditions") or {},
-            normal=NormalPart.model_validate(normal),
+            normal=part_of(NormalPart, plain(normal)),
             friction=friction_part(
                 surface_from(surface),
                 surface.facts.get("method") or "published",
-                budget=tuple(
-                    Contribution(**{k: v for k, v in row.items() if k in Contribution.model_fields})
-                    for row in surface.record.tables.get("budget", ())
-                    if row["contribution_percent"] is not None
-                ),
+                budget=tuple(part_of(Contribution, row) for row in rows),
                 **({} if friction is None else _sticking(friction.columns)),
             ),
-            validity=Validity(
-                measured_force_N_m=surface.facts.get("measured", {}).get("normal_force_N_m"),
-                normal_force_N_m=surface.record.validity.get("normal_force_N_m"),
-                slip_speed_m_s=surface.record.validity.get("slip_speed_m_s"),
-                penetration_m=stiffness.record.validity.get("penetration_m"),
-                press_force_N_m=stiffness.record.validity.get("force_N_m"),
-            ),
+            validity=part_of(Validity, valid),
             provenance=Provenance(
                 software=f"beltid {__version__}",
-                software_sha256=surface.record.sources,
+                software_sha256=made.sources,
                 artifacts={"stiffness": stiffness.sha256, "surface": surface.sha256},
-                recordings=recordings,
-                config=surface.record.config,
-                config_sha256=surface.record.config_sha256,
-                notes=(*stiffness.record.notes, *surface.record.notes),
+                recordings=pressed.inputs | (friction.record.inputs if friction else {}),
+                config=made.config,
+                config_sha256=made.config_sha256,
+                notes=(*pressed.notes, *made.notes),
             ),
         )
     except ValidationError as error:
         raise ArtifactError(validation_problems(error, str(folder))) from None
 
 
-def _belt(folder: Path, surface: Artifact, config: Path | None) -> BeltFacts:
+def _belt(folder: Path, surface: Artifact, config: Path | None) -> dict[str, Any]:
     """Return the belt that a surface was made for, or that of the named config."""
     if config is not None:
-        stated = find_config(None, config).config.belt.model_dump()
-    else:
-        name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
-        stated = surface.record.settings.get("belt") or {"name": name[:40] or "belt"}
-    return BeltFacts.model_validate(
-        {k: v for k, v in stated.items() if k in BeltFacts.model_fields}
-    )
+        return find_config(None, config).config.belt.model_dump()
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
+    return surface.record.settings.get("belt") or {"name": name[:40] or "belt"}
 
 
 def _sticking(friction: Columns) -> dict[str, float]:

@@ -398,11 +398,9 @@ def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
 
 
 def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
-    """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
-
-    That at rest is the logarithmic mean of both (the arc alone stretches) to their mean (spans do).
-    """
+    """Return the difference of the tensions of a belt held twice: by its arc, by its spans."""
     y = sign * np.linspace(1e-3, 12.0, 4000)
+    # at rest: of both tensions, where the arc alone stretches; their mean, where the spans do
     logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one
     order = np.argsort(logarithmic_mean)
     x = float(np.interp(rest_N / measured_N, logarithmic_mean[order], y[order]))

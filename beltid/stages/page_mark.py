@@ -79,11 +79,11 @@ def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
     links = links_to(belts, out) if len(belts) > 1 else []
     record = [__version__, source_sha256(of_page=True), links, [belt.content() for belt in belts]]
     mark = sha256(json.dumps(record).encode())
-    if force or not out.exists() or mark_of(out) != mark:
-        return mark
-    text = read_bytes(out, ArtifactError)
-    body = text[: -len(SEAL.format("0" * 64))]
-    return "" if text == body + SEAL.format(sha256(body)).encode() else mark
+    if not force and out.exists() and mark_of(out) == mark:
+        text = read_bytes(out, ArtifactError).decode("utf-8", "replace")
+        if text == sealed(text[: -len(SEAL.format(mark))]):
+            return ""
+    return mark
 
 
 def mark_of(page: Path) -> str | None:

@@ -74,12 +74,12 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*result.problems, *problems]
             results = [replace(result, profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        text = sealed(rendered(page))
-        write_bytes(out, text.encode())
+        text = sealed(rendered(page)).encode()
+        write_bytes(out, text)
         facts = {
             "figures": sum(len(section.pictures) for section in page.sections),
             "figures_missing": sum(len(section.absent) for section in page.sections),
-            "size_kB": len(text.encode()) / 1000.0,
+            "size_kB": len(text) / 1000.0,
         }
     origins = {result.origin for result in results}
     mixed = len(origins) > 1
@@ -107,22 +107,21 @@ def _row(results: BeltResults) -> dict[str, Any]:
 
 def gather(belt: OnPage) -> BeltResults:
     """Read the results of a belt, which must fit together; those not shown are its problems."""
-    shown, sheets, problems = dict[str, Artifact](), dict[str, Sheet](), list[str]()
+    shown, problems = dict[str, Sheet](), list[str]()
     not_shown: dict[str, list[str]] = {}
     for name, kind in ARTIFACTS.items():
         path = belt.folder / f"{name}.parquet"
         if not path.exists():
             continue
         try:
-            artifact = read_artifact(path, kind)
-            sheets[name] = sheet_of(artifact)
+            sheet = sheet_of(read_artifact(path, kind))
         except ArtifactError as error:
             problems += error.problems
         else:
-            if why := _why_not(belt, name, artifact):
+            if why := _why_not(belt, name, sheet):
                 not_shown.setdefault(why, []).append(path.name)
             else:
-                shown[name] = artifact
+                shown[name] = sheet
     problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
     refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
     for name in [name for name in CURVES if name in shown]:
@@ -137,7 +136,7 @@ def gather(belt: OnPage) -> BeltResults:
     stated = next(filter(None, settings), None)
     return BeltResults(
         belt=belt.folder.resolve().name,
-        sheets={name: sheets[name] for name in shown},
+        sheets=shown,
         problems=tuple(problems),
         failures=belt.failures,
         belt_facts=() if stated is None else (stated["type"], f"{stated['ribs']} ribs"),

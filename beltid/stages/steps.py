@@ -443,19 +443,12 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
     return stages.compare.compared_losses(slip, drive, config)
 
 
-def _plan_bytes(outcome: Outcome[Any]) -> bytes:
-    """Return the table for the operator of the bench as CSV."""
-    frame = outcome.to_frame()
-    return frame.to_csv(index=False, float_format="%.6g", lineterminator="\n").encode()
-
-
 @stage(
     "plan",
     makes="plan",
     file="plan.csv",
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction", "plan"),
-    writes=_plan_bytes,
 )
 def plan_runs(
     surface: Any = None,
@@ -503,28 +496,20 @@ def plan_runs(
     return stages.plan.planned(surface, law, config, friction, runs, goal_u)
 
 
-@stage(
+stage(
     "press-curves",
     makes="press_curves",
     reads={"frame": "press"},
     uses=("press",),
     is_command=False,
-)
-def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
-    """Keep the branches of the press cycles that the report shows."""
-    return stages.friction.press_branches(frame, config)
-
-
-@stage(
+)(lambda frame, config: stages.friction.press_branches(frame, config))
+stage(
     "rig-curves",
     makes="rig_curves",
     reads={"frame": "rig", "friction": "friction"},
     uses=("friction", "rig", "belt"),
     is_command=False,
-)
-def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[Any]:
-    """Keep the runs over time that the report shows, thinned."""
-    return stages.friction.rig_runs(frame, friction, config)
+)(lambda frame, friction, config: stages.friction.rig_runs(frame, friction, config))
 
 
 def read_press(path: str | Path, config: ConfigLike = None) -> Any:

@@ -7,8 +7,12 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import pytest
 from small_bench import beltid, contents, environment
+
+from beltid.stages import friction
 
 BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 LIGHT = """\
@@ -105,3 +109,20 @@ def test_reports_compare_the_belts_and_cost_nothing_when_they_are_in_date(tmp_pa
     states = [row["stages"]["report"] for row in json.loads(done.stdout)["table"]]
     assert states == ["failed", "up to date"]
     assert mine.read_text() == "my own notes\n"
+
+
+def test_a_bug_costs_the_step_of_one_belt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(frame: Any, config: Any) -> Any:
+        return 1 / 0 if config.belt.name == "a" else found(frame, config)
+
+    found = friction.sliding_speeds
+    monkeypatch.setattr(friction, "sliding_speeds", broken)
+    done = beltid(
+        tmp_path, "run", *drives(tmp_path, ["a", "b"]), "-j", "1", "--no-report", "--json"
+    )
+    assert done.exit_code == 5
+    rows = json.loads(done.stdout)["table"]
+    assert [row["stages"]["fit-slip"] for row in rows] == ["failed", "done"]
+    assert [row["exit_status"] for row in rows] == [1, 0]
+    assert "Traceback" in done.stderr
+    assert "fit-slip: ZeroDivisionError" in done.stderr

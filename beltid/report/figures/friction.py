@@ -188,10 +188,7 @@ def _in_space(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 
 
 def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tuple[str, str]:
-    """Draw surfaces over the force or the speed, each over its range, at a value of the other.
-
-    It is the middle of their common range; of the gap if the ranges do not overlap.
-    """
+    """Draw surfaces over force or speed, at the middle of the common range of the other."""
     surfaces = [(belt.belt, best.surface) for belt in belts if (best := belt.best_surface)]
     if not surfaces:
         raise NotDrawn("no folder has a surface.parquet")
