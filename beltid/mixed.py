@@ -353,7 +353,7 @@ class Mixed:
         return h, C, inverse + moment, -value - 0.5 * log_det, D * shift
 
     def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
-        """Return minus the log density of q (K, k), h(q), and its slope by ln h or h; the prior's."""
+        """Return minus the log density of q (K, k), h(q), its slope by q, and that of the prior."""
         h, away = np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q), q - self.m0
         Mh, pull = h @ M, (Q @ away[..., None])[..., 0]
         slope = np.where(self.positive, h, 1.0) * (Mh - b) + pull

@@ -47,17 +47,10 @@ SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s"
 
 def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
     """Return a row of relative differences in percent, at forces [N/m]; None without points."""
-    n = relative.size
-    percent = {
-        f"{name}_percent": 100.0 * x if n else None for name, x in _figures(relative).items()
-    }
-    ends = {"force_low_N_m": np.min, "force_high_N_m": np.max}
-    return {
-        "group": group,
-        "n_points": n,
-        **percent,
-        **{name: float(end(force)) if n else None for name, end in ends.items()},
-    }
+    row = {f"{name}_percent": 100.0 * x for name, x in _figures(relative).items()}
+    row |= {"force_low_N_m": force.min(initial=np.inf), "force_high_N_m": force.max(initial=0.0)}
+    numbers = {name: float(x) if relative.size else None for name, x in row.items()}
+    return {"group": group, "n_points": relative.size, **numbers}
 
 
 def _figures(relative: Array) -> dict[str, float]:

@@ -48,7 +48,6 @@ SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
 ARC_GAP = 1e-3  # relative; arcs are nominal settings and differ only by rounding
 MAX_SPEED_SPREAD = 1.25  # largest ratio of highest to lowest speed within one setting
-ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all arcs and speeds
 MIN_RANGE = 0.02  # relative; a shorter range of forces does not count
 MIN_NODE_GAP = 0.3  # of the usual gap; noise at closer force nodes causes steep slopes
 WORTH_A_NOTE = 5e-3  # relative; smaller changes are comparable to the speed error of motors
@@ -103,13 +102,6 @@ class Curve:
         """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
-    def weights(self, force: Array) -> Array:
-        """Return the weights of the points in the unbounded spline, held beyond its ends (n, m)."""
-        if self.f.size == 1:
-            return np.ones((force.size, 1))
-        spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
-        return np.asarray(spline(np.log(np.clip(force, self.f[0], self.f[-1]))))
-
     def at(self, force: Array) -> Array:
         """Evaluate mu [-] at forces [N/m], nan outside the points."""
         clipped = np.clip(force, self.f[0], self.f[-1])
@@ -118,7 +110,10 @@ class Curve:
 
     def covariance(self, force: Array) -> Array:
         """Return the covariance of ln mu at forces [N/m] by the errors of the points, (n, n)."""
-        weights = self.weights(force)
+        weights = np.ones((force.size, 1))
+        if self.f.size > 1:  # held beyond its ends
+            spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
+            weights = spline(np.log(np.clip(force, self.f[0], self.f[-1])))
         return np.asarray((weights * np.square(self.se / self.mu)) @ weights.T)
 
 
@@ -162,10 +157,6 @@ def _common_range(rows: Rows) -> Range | None:
     """Find the first and last force that some arc covers at every speed; None without a range."""
     curves = [curve for row in rows for curve in row]
     ends = np.unique([curve.f[[0, -1]] for curve in curves])
-    if all(curve.f.size == 1 for curve in curves) and ends[-1] < ONE_TENSION * ends[0]:
-        # one tension at all arcs and speeds: the surface depends on speed only
-        f = float(np.exp(np.mean([np.log(curve.f[0]) for curve in curves])))
-        return f, f
     middles = 0.5 * (ends[:-1] + ends[1:])
     covered = [np.any([curve.covers(middles) for curve in row], axis=0) for row in rows]
     everywhere = np.flatnonzero(np.all(covered, axis=0))
@@ -228,7 +219,7 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     standard errors of the points are.
     """
     nodes, arcs_deg, notes = _force_nodes(rows, force), [c.arc_deg for c in rows[0]], list[str]()
-    mu, filled = (np.array(x).transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
+    mu, filled = (x.transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
     unlimited = np.nanmean(filled, axis=0)
@@ -261,12 +252,8 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
 
 def _force_nodes(rows: Rows, force: Range) -> Array:
     """Place force nodes over the range that every speed covers, where the points are [N/m]."""
-    first, last = np.log(force)
-    if first == last:
-        return np.array([force[0]])
-    curves = [curve for row in rows for curve in row]
-    count = max(curve.f.size for curve in curves)
-    pooled = np.sort(np.log(np.concatenate([curve.f for curve in curves])))
+    forces, (first, last) = [curve.f for row in rows for curve in row], np.log(force)
+    count, pooled = max(f.size for f in forces), np.sort(np.log(np.concatenate(forces)))
     centres = np.array([group.mean() for group in np.array_split(pooled, count)])
     gap = MIN_NODE_GAP * float(np.median(np.diff(centres)))
     # the ends of the range replace the outermost centres
@@ -274,24 +261,16 @@ def _force_nodes(rows: Rows, force: Range) -> Array:
     return np.array([force[0], *np.exp(inner), force[1]])
 
 
-def _on_nodes(rows: Rows, nodes: Array) -> tuple[list[Array], list[Array]]:
-    """Return measured and continued values at the nodes, (na, nf) for each speed."""
-    measured, continued = [], []
-    for row in rows:
-        if nodes.size == 1:  # one tension
-            measured.append(np.array([curve.mu for curve in row]))
-            continued.append(measured[-1])
-            continue
-        ends = np.concatenate([curve.f[[0, -1]] for curve in row])
-        # an arc is continued from its last point
-        path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
-        values, on_node = np.array([curve.at(path) for curve in row]), np.searchsorted(path, nodes)
-        measured.append(values[:, on_node])
-        continued.append(_continue_arcs(values)[:, on_node])
-    return measured, continued
+def _on_nodes(rows: Rows, nodes: Array) -> tuple[Array, Array]:
+    """Return measured and continued values at the nodes, (nv, na, nf) each."""
+    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
+    # an arc is continued from its last point
+    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
+    values, on_node = np.array([[c.at(path) for c in row] for row in rows]), np.isin(path, nodes)
+    return values[..., on_node], np.array([_continued(of) for of in values])[..., on_node]
 
 
-def _continue_arcs(values: Array) -> Array:
+def _continued(values: Array) -> Array:
     """Continue every arc of one speed (na, n) parallel to the arcs that go on."""
     filled = values.copy()
     count = np.isfinite(values).sum(axis=0)
@@ -309,13 +288,12 @@ def _continue_arcs(values: Array) -> Array:
 
 def _run_covariance(curves: Sequence[Curve], nodes: Array) -> Array:
     """Return the covariance of ln mu by the errors of the runs, mean of the arcs measured there."""
-    there = np.array([curve.covers(nodes) for curve in curves]) | (nodes.size == 1)
-    n = np.maximum(there.sum(axis=0), 1)
+    there = np.array([curve.covers(nodes) for curve in curves])
+    share = there / np.maximum(there.sum(axis=0), 1)
     parts = [
-        curve.covariance(nodes) * np.outer(mine, mine)
-        for curve, mine in zip(curves, there, strict=True)
+        curve.covariance(nodes) * np.outer(w, w) for curve, w in zip(curves, share, strict=True)
     ]
-    return np.asarray(np.sum(parts, axis=0) / np.outer(n, n))
+    return np.asarray(np.sum(parts, axis=0))
 
 
 def _between_arcs(own: Array, mean: Array, sd: Array, n_arcs: NDArray[np.int64]) -> Array:
@@ -471,7 +449,7 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     if n < FEWEST_RUNS or points.f.max() < (1.0 + EDGE) * points.f.min():
         raise InputError(
             f"no speed was measured over a range of normal forces ({n} runs), must be at least "
-            f"{FEWEST_RUNS} runs over a range, or one tension at every arc and speed"
+            f"{FEWEST_RUNS} runs over a range"
         )
     ordered = np.sort(points.v)
     cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
