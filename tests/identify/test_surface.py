@@ -349,6 +349,23 @@ def test_a_force_where_most_arcs_have_ended_takes_the_spread_of_its_neighbour():
     assert grid.mu_se[2, 0] == pytest.approx(expected, rel=0.02)
 
 
+def test_one_tension_gives_a_surface_over_the_speed_alone():
+    """Its force differs between arcs and speeds: the node is their geometric mean."""
+    found = grid_of(
+        Points(
+            np.array([40.0, 40.0, 80.0, 80.0]),
+            np.array([1000.0, 1000.0, 1600.0, 1600.0]),
+            np.array([0.01, 0.02, 0.01, 0.02]),
+            np.array([1.0, 1.2, 0.9, 1.1]),
+            np.full(4, 0.01),
+        )
+    )
+    grid, _ = average(*found[:2], True)
+    assert grid.normal_force_N_m == pytest.approx([math.sqrt(1000.0 * 1600.0)])
+    assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]))
+    assert np.all(grid.n_arcs == 2)
+
+
 # --- curves of one arc and speed ---
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])

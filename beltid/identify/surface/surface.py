@@ -48,6 +48,7 @@ SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
 ARC_GAP = 1e-3  # relative; arcs are nominal settings and differ only by rounding
 MAX_SPEED_SPREAD = 1.25  # largest ratio of highest to lowest speed within one setting
+ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all arcs and speeds
 MIN_RANGE = 0.02  # relative; a shorter range of forces does not count
 MIN_NODE_GAP = 0.3  # of the usual gap; noise at closer force nodes causes steep slopes
 WORTH_A_NOTE = 5e-3  # relative; smaller changes are comparable to the speed error of motors
@@ -157,6 +158,10 @@ def _common_range(rows: Rows) -> Range | None:
     """Find the first and last force that some arc covers at every speed; None without a range."""
     curves = [curve for row in rows for curve in row]
     ends = np.unique([curve.f[[0, -1]] for curve in curves])
+    if all(curve.f.size == 1 for curve in curves) and ends[-1] < ONE_TENSION * ends[0]:
+        # one tension at all arcs and speeds: the surface depends on speed only
+        f = float(np.exp(np.mean([np.log(curve.f[0]) for curve in curves])))
+        return f, f
     middles = 0.5 * (ends[:-1] + ends[1:])
     covered = [np.any([curve.covers(middles) for curve in row], axis=0) for row in rows]
     everywhere = np.flatnonzero(np.all(covered, axis=0))
@@ -252,6 +257,8 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
 
 def _force_nodes(rows: Rows, force: Range) -> Array:
     """Place force nodes over the range that every speed covers, where the points are [N/m]."""
+    if force[0] == force[1]:
+        return np.array(force[:1])
     forces, (first, last) = [curve.f for row in rows for curve in row], np.log(force)
     count, pooled = max(f.size for f in forces), np.sort(np.log(np.concatenate(forces)))
     centres = np.array([group.mean() for group in np.array_split(pooled, count)])
@@ -263,6 +270,9 @@ def _force_nodes(rows: Rows, force: Range) -> Array:
 
 def _on_nodes(rows: Rows, nodes: Array) -> tuple[Array, Array]:
     """Return measured and continued values at the nodes, (nv, na, nf) each."""
+    if nodes.size == 1:  # one tension
+        mu = np.array([[curve.mu for curve in row] for row in rows])
+        return mu, mu
     ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
     # an arc is continued from its last point
     path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
@@ -288,7 +298,7 @@ def _continued(values: Array) -> Array:
 
 def _run_covariance(curves: Sequence[Curve], nodes: Array) -> Array:
     """Return the covariance of ln mu by the errors of the runs, mean of the arcs measured there."""
-    there = np.array([curve.covers(nodes) for curve in curves])
+    there = np.array([curve.covers(nodes) for curve in curves]) | (nodes.size == 1)
     share = there / np.maximum(there.sum(axis=0), 1)
     parts = [
         curve.covariance(nodes) * np.outer(w, w) for curve, w in zip(curves, share, strict=True)
@@ -449,7 +459,7 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     if n < FEWEST_RUNS or points.f.max() < (1.0 + EDGE) * points.f.min():
         raise InputError(
             f"no speed was measured over a range of normal forces ({n} runs), must be at least "
-            f"{FEWEST_RUNS} runs over a range"
+            f"{FEWEST_RUNS} runs over a range, or one tension at every arc and speed"
         )
     ordered = np.sort(points.v)
     cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
