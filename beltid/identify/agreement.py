@@ -240,10 +240,7 @@ def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
 def _match(
     measured: Columns, simulated: Columns
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
-    """Match the runs; return measured rows, simulated rows, and runs without a pair with reasons.
-
-    The same label wins among simulated runs within the tolerances, else the nearest speed.
-    """
+    """Match the runs: within the tolerances, the same label wins, else the nearest speed."""
     pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []
     usable = simulated["reason"] == ""
