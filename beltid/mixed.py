@@ -331,7 +331,7 @@ class Mixed:
                 log_step = np.log1p(part[:, None] * np.where(positive, step, 0.0))
                 trial = q + np.where(positive, log_step, part[:, None] * step)
                 new, h, slope, pull = self._cost(trial, M, b, Q)
-                worse = (new > value) & (part > 1e-9)
+                worse = (new > value + 1e-12 * np.abs(value)) & (part > 1e-9)
                 if not worse.any():
                     break
                 part = np.where(worse, 0.5 * part, part)
