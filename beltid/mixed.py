@@ -34,6 +34,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dposv
 from scipy.optimize import minimize
 
 from beltid.errors import NumericsError
@@ -166,16 +167,25 @@ class Mixed:
         # a row without any variance is padding: it gets a variance of its own and tells nothing
         self.padding = ~np.any(np.einsum("krii->kri", self.parts), axis=0)[..., None] * np.eye(m)
         self.m0, self.positive = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=bool)
-        self.units: list[tuple[Shared, Array, int, float]] = []
-        for term in self.shared:
-            place = self.places[term.name]
+        options = list(product(*(term.choices or [(1.0, 1.0)] for term in self.shared)))
+        self.Q, self.log_prior = (
+            np.zeros((len(options), *2 * self.m0.shape)),
+            np.zeros(len(options)),
+        )
+        self.sized: list[tuple[slice, Array, int]] = []  # terms whose precision is not in Q
+        for term, chosen in zip(self.shared, zip(*options, strict=True), strict=False):
+            place, (s, chance) = self.places[term.name], np.transpose(chosen)
             self.m0[place], self.positive[place] = term.mean, term.positive
             unit = np.eye(place.stop - place.start) * (term.size is not None or bool(term.choices))
             unit = unit if term.precision is None else term.precision
             values = np.linalg.eigvalsh(unit)
             values = values[values > 1e-10 * values.max(initial=0.0)]
-            self.units.append((term, unit, values.size, 0.5 * float(np.sum(np.log(values)))))
-        self.sized = [entry for entry in self.units if entry[0].size is not None]
+            self.Q[:, place, place] = unit / s[:, None, None] ** 2
+            self.log_prior += (
+                np.log(chance) + 0.5 * np.sum(np.log(values)) - values.size * np.log(s)
+            )
+            if term.size is not None:
+                self.sized.append((place, unit, values.size))
         sized = [(t.name, t.size) for t in self.shared if t.size is not None]
         sized += [(t.name, t.size) for t in self.own]
         self.names = [name for name, _ in sized]
@@ -258,8 +268,7 @@ class Mixed:
         away = self.tightness * (theta - self.mid)
         slope = -self.tightness * away
         slope[n_shared:] += variances * np.tensordot(self.parts, spread - P, axes=3)
-        for i, (term, unit, rank, _) in enumerate(self.sized):
-            place = self.places[term.name]
+        for i, (place, unit, rank) in enumerate(self.sized):
             slope[i] += np.sum(unit * moment[place, place]) * np.exp(-2.0 * theta[i]) - rank
         log_likelihood = -0.5 * float(np.sum(squares + log_det + freedom * np.log(scale)))
         posterior = Posterior(
@@ -282,21 +291,12 @@ class Mixed:
         self, M: Array, b: Array, theta: Array
     ) -> tuple[Array, Array, Array, float, Array, Array]:
         """Average over the choices: mean and covariance of h, moment of q, log evidence."""
-        known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
-        options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
-        log_p, priors = [], []
-        for chosen in product(*options):
-            Q, log_prior = np.zeros_like(M), 0.0
-            for (term, unit, rank, half_log_det), (s, chance) in zip(
-                self.units, chosen, strict=True
-            ):
-                place = self.places[term.name]
-                Q[place, place] = unit / s**2
-                log_prior += np.log(chance) + half_log_det - rank * np.log(s)
-            log_p.append(log_prior)
-            priors.append(Q)
-        means, covariances, moments, log_z, shifts = self._laplace(M, b, np.array(priors))
-        log_z = log_z + log_p
+        Q, log_prior = self.Q.copy(), self.log_prior
+        for (place, unit, rank), log_s in zip(self.sized, theta, strict=True):
+            Q[:, place, place] = unit / np.exp(log_s) ** 2
+            log_prior = log_prior - rank * log_s
+        means, covariances, moments, log_z, shifts = self._laplace(M, b, Q)
+        log_z = log_z + log_prior
         total = float(np.logaddexp.reduce(log_z))
         w = np.exp(log_z - total)
         mean = w @ means
@@ -309,29 +309,29 @@ class Mixed:
         """Find the mode of h for every prior precision Q (K, k, k), by Newton's method."""
         positive = self.positive
         q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
-        value, h = self._cost(q, M, b, Q)
+        value, h, slope, pull = self._cost(q, M, b, Q)
         for turn in range(NEWTON):
             # along ln(1 + step) of a positive coefficient, h and so the data change linearly
-            D, pull = np.where(positive, h, 1.0), (Q @ (q - self.m0)[..., None])[..., 0]
-            H, slope = D[:, :, None] * M * D[:, None, :] + Q, D * (h @ M - b) + pull
+            D = np.where(positive, h, 1.0)
+            H = D[:, :, None] * M * D[:, None, :] + Q
             if not positive.any():
-                q = q - _solve(H, slope[..., None])[..., 0]
-                value, h = self._cost(q, M, b, Q)
+                q = q - _solve(H, slope[..., None])[0][..., 0]
+                value, h, _, pull = self._cost(q, M, b, Q)
                 break
             try:
-                step = -_solve(H - _diagonal(positive * pull), slope[..., None])[..., 0]
+                step = -_solve(_less_diagonal(H, positive * pull), slope[..., None])[0][..., 0]
             except NumericsError:  # not convex here, or even a saddle
-                convex = H + _diagonal(positive * np.maximum(-pull, 0.0))
+                convex = _less_diagonal(H, positive * np.minimum(pull, 0.0))
                 if turn > NEWTON // 2:
-                    convex = _absolute(H - _diagonal(positive * pull))
-                step = -_solve(convex, slope[..., None])[..., 0]
+                    convex = _absolute(_less_diagonal(H, positive * pull))
+                step = -_solve(convex, slope[..., None])[0][..., 0]
             fall = -step[:, positive].min(axis=1, initial=0.0)
             part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
             while True:
                 log_step = np.log1p(part[:, None] * np.where(positive, step, 0.0))
                 trial = q + np.where(positive, log_step, part[:, None] * step)
-                new, h = self._cost(trial, M, b, Q)
-                worse = (new > value) & (part > 1e-9)
+                new, h, slope, pull = self._cost(trial, M, b, Q)
+                worse = (new > value + 1e-12 * np.abs(value)) & (part > 1e-9)
                 if not worse.any():
                     break
                 part = np.where(worse, 0.5 * part, part)
@@ -343,26 +343,28 @@ class Mixed:
         self.q = q
         D, away = np.where(positive, h, 1.0), q - self.m0
         H = D[:, :, None] * M * D[:, None, :] + Q
-        inverse = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
-        moment = inverse + away[:, :, None] * away[:, None, :]
-        log_z = -value - 0.5 * np.linalg.slogdet(H)[1]
+        curved = _less_diagonal(H, positive * pull)
+        inverse, log_det = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
         # the determinant changes with the mode, too: its slope by q, through the Hessian there
-        by_mode = np.where(positive, 1.0 - np.einsum("kij,kji->ki", inverse, Q), 0.0)
-        pull = (Q @ away[..., None])[..., 0]
-        shift = np.linalg.solve(H - _diagonal(positive * pull), by_mode[..., None])[..., 0]
-        moment = moment - shift[:, :, None] * away[:, None, :] - away[:, :, None] * shift[:, None]
-        return h, D[:, :, None] * inverse * D[:, None, :], moment, log_z, D * shift
+        by_mode = np.where(positive, 1.0 - np.sum(inverse * Q, axis=2), 0.0)
+        shift = np.linalg.solve(curved, by_mode[..., None])[..., 0]
+        moment = (away - shift)[:, :, None] * away[:, None, :] - away[:, :, None] * shift[:, None]
+        C = D[:, :, None] * inverse * D[:, None, :]
+        return h, C, inverse + moment, -value - 0.5 * log_det, D * shift
 
-    def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array]:
-        """Return minus the log density of q (K, k), and h(q)."""
+    def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
+        """Return minus the log density of q (K, k), h(q), its slope by q, and that of the prior."""
         h, away = np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q), q - self.m0
-        prior = np.einsum("ki,kij,kj->k", away, Q, away)
-        return 0.5 * np.sum(h * (h @ M), axis=1) - h @ b + 0.5 * prior, h
+        Mh, pull = h @ M, (Q @ away[..., None])[..., 0]
+        slope = np.where(self.positive, h, 1.0) * (Mh - b) + pull
+        return 0.5 * np.sum(h * Mh + away * pull, axis=1) - h @ b, h, slope, pull
 
 
-def _diagonal(x: Array) -> Array:
-    """Return diagonal matrices (K, k, k) of the rows of x (K, k)."""
-    return np.asarray(x[:, :, None] * np.eye(x.shape[1]))
+def _less_diagonal(H: Array, x: Array) -> Array:
+    """Return matrices (K, k, k), rows of x (K, k) subtracted from their diagonals."""
+    H, i = H.copy(), np.arange(x.shape[1])
+    H[:, i, i] -= x
+    return H
 
 
 def _absolute(H: Array) -> Array:
@@ -373,15 +375,14 @@ def _absolute(H: Array) -> Array:
     return np.asarray(scale * ((V * size) @ V.swapaxes(1, 2)) * scale.swapaxes(1, 2))
 
 
-def _solve(H: Array, B: Array) -> Array:
-    """Solve with positive definite matrices of any units, (K, k, k) and (K, k, n)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.einsum("kii->ki", H), 1e-300))[..., None]
-    scaled = H * scale * scale.swapaxes(1, 2)
-    try:
-        np.linalg.cholesky(scaled)
-    except np.linalg.LinAlgError:
-        raise NumericsError("mixed model: the data do not determine a flat coefficient") from None
-    return np.asarray(scale * np.linalg.solve(scaled, scale * B))
+def _solve(H: Array, B: Array) -> tuple[Array, Array]:
+    """Solve with positive definite H (K, k, k), which is overwritten, and B (K, k, n); ln det H."""
+    X = np.empty(B.shape)
+    for A, b, x in zip(H, B, X, strict=True) if X.size else ():
+        _, x[:], failed = dposv(A.T, b, overwrite_a=True)
+        if failed:
+            raise NumericsError("mixed model: the data do not determine a flat coefficient")
+    return X, 2.0 * np.sum(np.log(np.einsum("kii->ki", H)), axis=1)
 
 
 def relinearised(

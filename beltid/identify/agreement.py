@@ -47,17 +47,10 @@ SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s"
 
 def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
     """Return a row of relative differences in percent, at forces [N/m]; None without points."""
-    n = relative.size
-    percent = {
-        f"{name}_percent": 100.0 * x if n else None for name, x in _figures(relative).items()
-    }
-    ends = {"force_low_N_m": np.min, "force_high_N_m": np.max}
-    return {
-        "group": group,
-        "n_points": n,
-        **percent,
-        **{name: float(end(force)) if n else None for name, end in ends.items()},
-    }
+    row = {f"{name}_percent": 100.0 * x for name, x in _figures(relative).items()}
+    row |= {"force_low_N_m": force.min(initial=np.inf), "force_high_N_m": force.max(initial=0.0)}
+    numbers = {name: float(x) if relative.size else None for name, x in row.items()}
+    return {"group": group, "n_points": relative.size, **numbers}
 
 
 def _figures(relative: Array) -> dict[str, float]:
@@ -247,10 +240,7 @@ def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
 def _match(
     measured: Columns, simulated: Columns
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
-    """Match the runs; return measured rows, simulated rows, and runs without a pair with reasons.
-
-    The same label wins among simulated runs within the tolerances, else the nearest speed.
-    """
+    """Match the runs: within the tolerances, the same label wins, else the nearest speed."""
     pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []
     usable = simulated["reason"] == ""

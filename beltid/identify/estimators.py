@@ -19,6 +19,7 @@ MAD_TO_SIGMA = 1.482602218505602
 """Ratio of standard deviation to median absolute deviation, normal distribution."""
 MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
+ROUNDING = 8.0 * np.finfo(float).eps  # deviations up to this, over the largest value, are no noise
 OUTLIER = 6.0  # distance from the median, in robust spreads, beyond which a sample is an outlier
 
 
@@ -56,8 +57,7 @@ def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
     if good.size < 3:
         return mask
     # without this floor, rounding of the last bit could make a sample an outlier
-    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(good)))
-    limit = OUTLIER * max(mad_sigma(good), least_spread, rounding)
+    limit = OUTLIER * max(mad_sigma(good), least_spread, ROUNDING * float(np.max(np.abs(good))))
     mask[~mask] = np.abs(good - median(good)) > limit
     return mask
 
@@ -73,7 +73,11 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     not finite are ignored. tau is in samples, at least 1 (independent); negative correlation does
     not lower it.
     """
-    residuals = [r for r in (_less_mean(run) for run in runs) if np.nansum(r * r) > 0.0]
+    residuals = []
+    for values in (np.asarray(run, dtype=float).ravel() for run in runs):
+        r = values - np.nanmean(values) if np.isfinite(values).any() else np.zeros(1)
+        if np.nanmax(np.abs(r)) > ROUNDING * np.nanmax(np.abs(values), initial=0.0):
+            residuals.append(r)
     longest = max((r.size for r in residuals), default=0)
     products, pairs = np.zeros(longest), np.zeros(longest)
     for r in residuals:
@@ -103,18 +107,6 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
         if abs(tau - before) < 1e-6:
             break
     return max(tau, 1.0)
-
-
-def _less_mean(run: ArrayLike) -> Array:
-    """Subtract the mean; return a single zero if only rounding is left."""
-    values = np.asarray(run, dtype=float).ravel()
-    finite = values[np.isfinite(values)]
-    if finite.size == 0:
-        return finite
-    residual = np.where(np.isfinite(values), values - np.mean(finite), np.nan)
-    largest = float(np.nanmax(np.abs(residual)))
-    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(finite)))
-    return residual if largest > rounding else np.zeros(1)
 
 
 def settings_of(values: Array, gap: float) -> NDArray[np.intp]:

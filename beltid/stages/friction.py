@@ -105,11 +105,11 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
         for branch in curve.branches:
             position, force = _means_of_neighbours(branch)
             part = {
-                "test": np.array(curve.test, dtype=object),
-                "temperature_degC": np.array(curve.temperature_degC),
+                "test": np.array(curve.recorded.label, dtype=object),
+                "temperature_degC": np.array(curve.recorded.temperature_degC),
                 "cycle": np.array(curve.cycle, dtype=np.int64),
                 "branch": np.array(branch.name, dtype=object),
-                "penetration_m": position - result.pooled.contact_m[curve.test],
+                "penetration_m": position - result.pooled.contact_m[curve.recorded.label],
                 "line_force_N_m": force,
             }
             parts.append({name: np.broadcast_to(x, force.shape) for name, x in part.items()})

@@ -107,7 +107,7 @@ def test_another_law_is_met_within_the_stated_misfit(exponent):
     assert not result.quadratic_supported
     assert any("the law misses by up to" in text for text in result.pooled.warnings)
     force = np.concatenate([c.middle_N_m for c in result.recording.curves])
-    x = [c.position_m - result.pooled.contact_m[c.test] for c in result.recording.curves]
+    x = [c.position_m - result.pooled.contact_m[c.recorded.label] for c in result.recording.curves]
     off = result.pooled.law.force(np.concatenate(x)) / force - 1.0
     high = force > 0.1 * force.max()
     assert np.max(np.abs(off[high])) < 1.5 * result.pooled.misfit + 0.002

@@ -1,7 +1,7 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
 Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`bench_model`, :mod:`cells`), measured and simulated ones alike. A run that cannot be reduced
+(:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced
 is marked with the reason, never dropped.
 
 The sticking peak is not the largest sample, which is the noisiest one: the model of the sliding is
@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.bench_model import BenchFit, fit_bench
-from beltid.identify.friction.cells import cell_errors
+from beltid.identify.friction.bench_model import BenchFit, cell_errors, fit_bench
 from beltid.identify.friction.channels import Rest, against_stated
 from beltid.identify.friction.prepare import SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
@@ -230,11 +229,10 @@ def _relaxation(rests: Sequence[Rest]) -> float:
     """Estimate the relative change of the tension from the mean over the rest to its end."""
     change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
     error = np.array([rest.end_se_N / rest.tension_N for rest in rests])
-    usable = np.isfinite(error)
-    if not usable.any():
+    weight = 1.0 / np.maximum(error, 1e-7) ** 2  # none where the error is infinite
+    if not weight.any():
         return 0.0
-    weight = 1.0 / np.maximum(error[usable], 1e-7) ** 2
-    mean = float(np.sum(weight * change[usable]) / np.sum(weight))
+    mean = float(np.average(change, weights=weight))
     return mean * mean**2 / (mean**2 + 1.0 / float(np.sum(weight)))
 
 

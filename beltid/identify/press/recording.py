@@ -51,9 +51,7 @@ class StiffnessSettings:
     reference_temperature_degC: float = 22.0  # for the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
     """Deflection of the press itself per force, included in the crosshead travel."""
-    cycles: Literal["last", "first", "all"] = (
-        "last"  # cycles of a test to use; the first is virgin rubber
-    )
+    cycles: Literal["last", "first", "all"] = "last"  # of a test to use; the first is virgin rubber
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,16 +300,6 @@ class PressCurve:
     top_force_N_m: float
 
     @property
-    def test(self) -> str:
-        """Label of the test."""
-        return self.recorded.label
-
-    @property
-    def temperature_degC(self) -> float:
-        """Temperature of the test; nan if unknown."""
-        return self.recorded.temperature_degC
-
-    @property
     def unloads(self) -> bool:
         """True if both branches were recorded."""
         return len(self.branches) == 2
@@ -357,15 +345,15 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
             curves += [press_curve(test, c, settings.segment_length_m) for c in test.cycles]
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
-    tests = {c.test: c.recorded for c in curves}.values()
-    notes = [f"test {test.label}: {text}" for test in tests for text in test.notes]
+    tests = {c.recorded.label: c.recorded for c in curves}
+    notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
     if unloading := [c for c in curves if c.unloads]:
-        loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
-        set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
+        for label in dict.fromkeys(c.recorded.label for c in curves if not c.unloads):
+            set_aside.append((label, f"test {label}: never unloaded, while other tests are"))
         curves = unloading
     if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
-    used = {c.test: c.recorded for c in curves}
+    used = {c.recorded.label: c.recorded for c in curves}
     return PressRecording(
         curves=tuple(curves),
         set_aside=tuple(set_aside),

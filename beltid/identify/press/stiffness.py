@@ -59,8 +59,6 @@ PER_KELVIN: Final = 1.0 / 50.0
 ROUNDING: Final = 1e-6  # of a force, over the largest
 LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the largest force
 LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
-
-
 SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
 RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
 CLEAR = 2.6  # standard errors beyond which a slope is significant
@@ -118,10 +116,9 @@ class _Scaled:
         self.x = _padded([(c.position_m - c.touch_m) / self.span for c in curves])
         self.f = _padded([c.middle_N_m / top for c in curves])
         self.turn = _padded([c.turn_N_m / top for c in curves])  # what a reversal may add
-        self.zero = np.array(
-            [[c.recorded.zero_u_N_m / top] for c in curves]
-        )  # uncertainties (R, 1)
-        warmer = [[c.temperature_degC - reference_degC] for c in curves]
+        zero = [c.recorded.zero_u_N_m / top for c in curves]
+        self.zero = np.array(zero)[:, None]  # uncertainties (R, 1)
+        warmer = [[c.recorded.temperature_degC - reference_degC] for c in curves]
         self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
         self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
@@ -267,7 +264,7 @@ def fit_law(
         n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
         n_effective=float(data.used.sum()) * share,
         n_cycles=len(curves),
-        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
+        contact_m=dict(zip((c.recorded.label for c in curves), contact.tolist(), strict=True)),
         misfit=misfit,
         notes=notes,
         warnings=warnings,
@@ -366,13 +363,13 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
     """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
-    known = [c for c in curves if math.isfinite(c.temperature_degC)]
-    groups: list[list[PressCurve]] = []
-    for c in sorted(known, key=lambda c: c.temperature_degC):
-        if not groups or c.temperature_degC - groups[-1][0].temperature_degC >= SAME_TEMPERATURE_K:
+    at = np.array([c.recorded.temperature_degC for c in curves])
+    groups: list[list[int]] = []
+    for k in np.argsort(at, kind="stable")[: np.count_nonzero(np.isfinite(at))].tolist():
+        if not groups or at[k] - at[groups[-1][0]] >= SAME_TEMPERATURE_K:
             groups.append([])
-        groups[-1].append(c)
-    return {round(float(np.mean([c.temperature_degC for c in g])), 1): g for g in groups}
+        groups[-1].append(k)
+    return {round(float(np.mean(at[g])), 1): [curves[k] for k in g] for g in groups}
 
 
 def _temperature_effect(

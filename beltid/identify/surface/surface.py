@@ -103,13 +103,6 @@ class Curve:
         """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
-    def weights(self, force: Array) -> Array:
-        """Return the weights of the points in the unbounded spline, held beyond its ends (n, m)."""
-        if self.f.size == 1:
-            return np.ones((force.size, 1))
-        spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
-        return np.asarray(spline(np.log(np.clip(force, self.f[0], self.f[-1]))))
-
     def at(self, force: Array) -> Array:
         """Evaluate mu [-] at forces [N/m], nan outside the points."""
         clipped = np.clip(force, self.f[0], self.f[-1])
@@ -118,7 +111,10 @@ class Curve:
 
     def covariance(self, force: Array) -> Array:
         """Return the covariance of ln mu at forces [N/m] by the errors of the points, (n, n)."""
-        weights = self.weights(force)
+        weights = np.ones((force.size, 1))
+        if self.f.size > 1:  # held beyond its ends
+            spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
+            weights = spline(np.log(np.clip(force, self.f[0], self.f[-1])))
         return np.asarray((weights * np.square(self.se / self.mu)) @ weights.T)
 
 
@@ -228,7 +224,7 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     standard errors of the points are.
     """
     nodes, arcs_deg, notes = _force_nodes(rows, force), [c.arc_deg for c in rows[0]], list[str]()
-    mu, filled = (np.array(x).transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
+    mu, filled = (x.transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
     unlimited = np.nanmean(filled, axis=0)
@@ -261,12 +257,10 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
 
 def _force_nodes(rows: Rows, force: Range) -> Array:
     """Place force nodes over the range that every speed covers, where the points are [N/m]."""
-    first, last = np.log(force)
-    if first == last:
-        return np.array([force[0]])
-    curves = [curve for row in rows for curve in row]
-    count = max(curve.f.size for curve in curves)
-    pooled = np.sort(np.log(np.concatenate([curve.f for curve in curves])))
+    if force[0] == force[1]:
+        return np.array(force[:1])
+    forces, (first, last) = [curve.f for row in rows for curve in row], np.log(force)
+    count, pooled = max(f.size for f in forces), np.sort(np.log(np.concatenate(forces)))
     centres = np.array([group.mean() for group in np.array_split(pooled, count)])
     gap = MIN_NODE_GAP * float(np.median(np.diff(centres)))
     # the ends of the range replace the outermost centres
@@ -274,24 +268,19 @@ def _force_nodes(rows: Rows, force: Range) -> Array:
     return np.array([force[0], *np.exp(inner), force[1]])
 
 
-def _on_nodes(rows: Rows, nodes: Array) -> tuple[list[Array], list[Array]]:
-    """Return measured and continued values at the nodes, (na, nf) for each speed."""
-    measured, continued = [], []
-    for row in rows:
-        if nodes.size == 1:  # one tension
-            measured.append(np.array([curve.mu for curve in row]))
-            continued.append(measured[-1])
-            continue
-        ends = np.concatenate([curve.f[[0, -1]] for curve in row])
-        # an arc is continued from its last point
-        path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
-        values, on_node = np.array([curve.at(path) for curve in row]), np.searchsorted(path, nodes)
-        measured.append(values[:, on_node])
-        continued.append(_continue_arcs(values)[:, on_node])
-    return measured, continued
+def _on_nodes(rows: Rows, nodes: Array) -> tuple[Array, Array]:
+    """Return measured and continued values at the nodes, (nv, na, nf) each."""
+    if nodes.size == 1:  # one tension
+        mu = np.array([[curve.mu for curve in row] for row in rows])
+        return mu, mu
+    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
+    # an arc is continued from its last point
+    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
+    values, on_node = np.array([[c.at(path) for c in row] for row in rows]), np.isin(path, nodes)
+    return values[..., on_node], np.array([_continued(of) for of in values])[..., on_node]
 
 
-def _continue_arcs(values: Array) -> Array:
+def _continued(values: Array) -> Array:
     """Continue every arc of one speed (na, n) parallel to the arcs that go on."""
     filled = values.copy()
     count = np.isfinite(values).sum(axis=0)
@@ -310,12 +299,11 @@ def _continue_arcs(values: Array) -> Array:
 def _run_covariance(curves: Sequence[Curve], nodes: Array) -> Array:
     """Return the covariance of ln mu by the errors of the runs, mean of the arcs measured there."""
     there = np.array([curve.covers(nodes) for curve in curves]) | (nodes.size == 1)
-    n = np.maximum(there.sum(axis=0), 1)
+    share = there / np.maximum(there.sum(axis=0), 1)
     parts = [
-        curve.covariance(nodes) * np.outer(mine, mine)
-        for curve, mine in zip(curves, there, strict=True)
+        curve.covariance(nodes) * np.outer(w, w) for curve, w in zip(curves, share, strict=True)
     ]
-    return np.asarray(np.sum(parts, axis=0) / np.outer(n, n))
+    return np.asarray(np.sum(parts, axis=0))
 
 
 def _between_arcs(own: Array, mean: Array, sd: Array, n_arcs: NDArray[np.int64]) -> Array:
