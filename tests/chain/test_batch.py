@@ -10,7 +10,6 @@ from pathlib import Path
 
 from small_bench import beltid, contents, environment
 
-BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 LIGHT = """\
 import sys
 from beltid.cli import main

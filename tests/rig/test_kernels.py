@@ -1,10 +1,9 @@
-"""Forces and tangents of the kernels: those of the numpy twin, and derivatives of each other."""
+"""Forces and tangents of the kernels: derivatives of each other, inertia and damping by hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import twin
 from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
@@ -33,36 +32,6 @@ def disturbed(rate: float, seed: int = 0) -> tuple[RigModel, Motion, State]:
     s.now["sticks"] = rng.random((n_e, n_c)) < 0.5
     s.now["sign"] = rng.choice([-1.0, 1.0], (n_e, n_c)) if rate else 1.0
     return model, Motion(rate, OMEGA, 0.9, 0.0, 0.0), s
-
-
-@pytest.mark.parametrize("rate", [0.0, 300.0])
-def test_the_kernels_are_their_numpy_twin(rate: float) -> None:
-    model, motion, s = disturbed(rate)
-    status = s.now.copy()
-    assemble(model.system, motion, s, False)
-    mesh, stretch = model.system.mesh, float(s.u[0])
-    f, K, f_s, strains = twin.belt_forces(mesh, RIG.belt, s.q, stretch, s.strains_old, rate)
-    pulley, last = model.system.pulley, s.last
-    c = twin.contact_forces(mesh, pulley, SURFACE, motion, s.q, stretch, last, status)
-    mass = stretch * RIG.belt.rhoA * rate**2 * np.einsum("eij,kl->eikjl", mesh.M, np.eye(2))
-    mass = mass.reshape(-1, 8, 8)
-    dof = 4 * np.arange(mesh.h.size)[:, None] + np.arange(8)
-    late = (s.q - s.q_old - (s.q_dot / rate if rate else 0.0))[dof]
-    r, tangent = twin.assembled(
-        mesh, [f, c[0], np.einsum("eij,ej->ei", mass, late)], [K, c[1], mass]
-    )
-    clamp, ends = model.system.clamp, (slice(2, 4), slice(-2, None))
-    for end, d in zip(ends, model.system.across, strict=True):
-        r[end] += clamp * (s.q[end] @ d) * d
-        tangent[end, end] += clamp * np.outer(d, d)
-    np.testing.assert_allclose(s.r, r, atol=1e-11 * np.abs(r).max())
-    np.testing.assert_allclose(dense(s.A), tangent, atol=1e-11 * np.abs(tangent).max())
-    r_s, _ = twin.assembled(mesh, [f_s, c[2]], [])
-    np.testing.assert_allclose(s.columns[0], r_s, atol=1e-11 * np.abs(r_s).max())
-    np.testing.assert_allclose(s.strains, strains, atol=1e-12)
-    for key, value in c[3].items():
-        touching = s.now["F_N"] > 0
-        np.testing.assert_allclose(s.now[key][touching], value[touching], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "v0"), [(0.0, 0.0), (300.0, 0.0), (0.0, 1.1)])
@@ -95,6 +64,22 @@ def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> 
         found = 0.5 * (residual(0 * q, du) - residual(0 * q, -du)) / step
         if (k == 0 and not rate) or v0:
             np.testing.assert_allclose(found, columns[k], atol=1e-5 * np.abs(columns[k]).max())
+
+
+@pytest.mark.parametrize("power", [0, 1])
+def test_the_inertia_is_that_of_the_mass_of_the_belt(power: int) -> None:
+    """Of a constant and a linear field: the mass, and its second moment over the length."""
+    model, motion, s = disturbed(300.0)
+    status, place = s.now.copy(), np.cumsum([0.0, *model.system.mesh.h])
+    field = np.zeros(s.q.size)
+    field[0::4], field[2::4] = place**power, power
+    assemble(model.system, motion, s, False)
+    before, s.now[:] = s.r.copy(), status
+    s.q_dot[:] -= motion.rate * field
+    assemble(model.system, motion, s, False)
+    n = 2 * power + 1
+    mass = RIG.belt.rhoA * float(s.u[0]) * place[-1] ** n / n
+    assert field @ (s.r - before) == pytest.approx(mass * motion.rate**2, rel=1e-9)
 
 
 def test_what_touches_dissipates_only_while_approaching() -> None:
