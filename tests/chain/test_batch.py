@@ -14,7 +14,6 @@ from small_bench import beltid, contents, environment
 
 from beltid.stages import friction
 
-BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 LIGHT = """\
 import sys
 from beltid.cli import main

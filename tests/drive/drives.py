@@ -45,10 +45,6 @@ def loss_of(result: DriveResult) -> np.ndarray:
     return result.columns["speed_loss_rad_s"]
 
 
-LAWS = {"4pk": NormalLaw(5.6e7, 2.20e11), "5pk": LAW_5PK, "6pk": NormalLaw(7.1e7, 3.90e11)}
-"""Contact laws of the synthetic belts (rigdata/README.md)."""
-
-
 def true_surface(belt: str, slowest: float = SLOWEST) -> FrictionSurface:
     """True friction of a synthetic belt from a sliding speed [m/s] on; nearest value outside."""
     f, v = np.geomspace(20.0, 30000.0, 70), np.geomspace(slowest, FASTEST, 30)

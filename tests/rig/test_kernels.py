@@ -1,10 +1,9 @@
-"""Forces and tangents of the kernels: those of the numpy twin, and derivatives of each other."""
+"""Forces and tangents of the kernels: derivatives of each other, inertia and damping by hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import twin
 from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
 
 from beltid.params import Contact
@@ -95,6 +94,22 @@ def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> 
         found = 0.5 * (residual(0 * q, du) - residual(0 * q, -du)) / step
         if (k == 0 and not rate) or v0:
             np.testing.assert_allclose(found, columns[k], atol=1e-5 * np.abs(columns[k]).max())
+
+
+@pytest.mark.parametrize("power", [0, 1])
+def test_the_inertia_is_that_of_the_mass_of_the_belt(power: int) -> None:
+    """Of a constant and a linear field: the mass, and its second moment over the length."""
+    model, motion, s = disturbed(300.0)
+    status, place = s.now.copy(), np.cumsum([0.0, *model.system.mesh.h])
+    field = np.zeros(s.q.size)
+    field[0::4], field[2::4] = place**power, power
+    assemble(model.system, motion, s, False)
+    before, s.now[:] = s.r.copy(), status
+    s.q_dot[:] -= motion.rate * field
+    assemble(model.system, motion, s, False)
+    n = 2 * power + 1
+    mass = RIG.belt.rhoA * float(s.u[0]) * place[-1] ** n / n
+    assert field @ (s.r - before) == pytest.approx(mass * motion.rate**2, rel=1e-9)
 
 
 def test_what_touches_dissipates_only_while_approaching() -> None:

@@ -45,17 +45,12 @@ def run(name: str, out: Path, first: Path, **files: Path) -> Artifact:
     return STAGES[name].run(find_config(first), files, out)[0]
 
 
-def test_the_cells_of_the_second_bench_are_taken_off(bench: Path) -> None:
-    friction, second = bench / "friction.parquet", bench / "read.csv"
-    run("fit-friction", friction, bench / "true.csv", frame=bench / "true.csv")
-    files = {"friction": friction, "simulated": second}
-    compared = run("compare", bench / "compare.parquet", second, **files)
-    assert compared.record.tables["groups"][0]["rms_percent"] < 1e-3
-
-
-def test_the_curves_of_the_report_are_those_of_the_reduction(bench: Path) -> None:
+def test_the_cells_count_in_a_second_bench_and_in_the_curves_of_the_report(bench: Path) -> None:
     rig, friction = bench / "read.csv", bench / "friction.parquet"
     run("fit-friction", friction, rig, frame=rig)
+    files = {"friction": friction, "simulated": rig}
+    compared = run("compare", bench / "compare.parquet", rig, **files)
+    assert compared.record.tables["groups"][0]["rms_percent"] < 1e-3
     curves = run("rig-curves", bench / "curves.parquet", rig, frame=rig, friction=friction).columns
     reduced = read_artifact(friction, "friction").columns
     true = beltid.read_rig(bench / "true.csv")
