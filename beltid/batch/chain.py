@@ -226,11 +226,8 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
                 page, state, belt.new = write_page([shown], out, mark), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
-        except OSError as error:  # matplotlib may have no folder to write to
-            belt.failed(REPORT, BeltidError(f"{error}"))
-            return
-        except Exception as error:
-            belt.failed(REPORT, error)
+        except Exception as error:  # matplotlib may have no folder to write to
+            belt.failed(REPORT, BeltidError(f"{error}") if isinstance(error, OSError) else error)
             return
         belt.states[REPORT], belt.page = state, shown
         log.info("%s: %s, %s", REPORT, state, out)

@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import (
@@ -58,10 +58,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=False)
 
 
-Known = TypeVar("Known", bound=Part)
-
-
-def part_of(part: type[Known], values: Mapping[str, Any]) -> Known:
+def part_of(part: type[Part], values: Mapping[str, Any]) -> Any:
     """Make a part of a law from those values that it has."""
     return part(**{name: value for name, value in values.items() if name in part.model_fields})
 
