@@ -82,8 +82,9 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
-    names = ("time_s", "tensions", "speed", "temperature")
-    return replace(record, rounding_N=rounding_N, **dict(zip(names, columns, strict=True)))
+    t, tensions, speed, temperature = columns
+    clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
+    return replace(clean, rounding_N=rounding_N)
 
 
 def _untied(t: Array) -> Array:
