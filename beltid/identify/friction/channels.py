@@ -82,9 +82,9 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
-    time, tensions, speed, temperature = columns
-    clean = replace(record, rounding_N=rounding_N, time_s=time, tensions=tensions)
-    return replace(clean, speed=speed, temperature=temperature)
+    t, tensions, speed, temperature = columns
+    clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
+    return replace(clean, rounding_N=rounding_N)
 
 
 def _untied(t: Array) -> Array:

@@ -48,8 +48,7 @@ SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
 FEWEST_SLIDING = 12  # fewest usable samples of sliding
-ROUNDING_NOTED = 1e-4
-"""Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
+ROUNDING_NOTED = 1e-4  # rounding error of ln(T_tight/T_slack) above which a note says so [-]
 MAX_IMBALANCE = 0.2  # largest difference of the two cells at rest over their mean [-]
 MAX_NOISE_RATIO = 2.5
 """Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
