@@ -95,13 +95,11 @@ class Belt:
 
     def failed(self, name: str, error: Exception) -> None:
         """Record and log that a step failed; a bug, with its traceback, costs only this step."""
-        status, problems = EXIT_BUG, [f"{type(error).__name__}: {error}"]
-        if isinstance(error, BeltidError):
-            status, problems = error.exit_status, [*error.problems]
-        else:
+        problems = getattr(error, "problems", (f"{type(error).__name__}: {error}",))
+        if not isinstance(error, BeltidError):
             log.error("%s", "".join(traceback.format_exception(error)).rstrip())
         self.states[name] = FAILED
-        self.troubles[name] = (status, tuple(problems))
+        self.troubles[name] = (getattr(error, "exit_status", EXIT_BUG), problems)
         _say(logging.ERROR, name, problems)
 
     def has(self, name: str, said: Summary, spent_s: float) -> None:
@@ -193,8 +191,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 try:
                     inputs = step.inputs(files)
                     made, kept = step.stage.run(source, inputs, out, force=force, workers=workers)
-                    said = summary_of(made, up_to_date=kept)
-                    belt.has(step.name, said, time.monotonic() - start)
+                    belt.has(step.name, summary_of(made, up_to_date=kept), time.monotonic() - start)
                     files[step.makes] = out
                 except TooFewSettings as error:
                     belt.states[step.name] = "too few settings"
