@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -90,7 +90,7 @@ def _parsed(text: str, name: str) -> Source:
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
         if isinstance(error, DuplicateKeyError):
-            reason = reason.partition(" with value")[0]
+            reason = next(_twice(root, (), set()))
         elif "'\\t'" in reason:
             reason = "a tab, indent with blanks"
         elif "mapping values are not allowed" in reason:
@@ -98,6 +98,19 @@ def _parsed(text: str, name: str) -> Source:
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
+
+
+def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
+    """Say of each key that a section has twice where it stood first; an alias is seen once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    lines: dict[str | int, int] = {}
+    for name, key, value in _items(node):
+        if name in lines:
+            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
+        lines.setdefault(name, key.start_mark.line + 1)
+        yield from _twice(value, (*path, name), seen)
 
 
 def _items(node: Any) -> list[tuple[str | int, Any, Any]]:
