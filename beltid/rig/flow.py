@@ -22,6 +22,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.forces import Motion, Points, State
+from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
 from beltid.rig.runs import lay_on
@@ -33,8 +34,7 @@ FINER, POINTS = 3.0, 5  # elements of a flowing belt over those of the rig; cont
 FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
 FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
 LEAST_SHARE = 1.0 / 64  # of the way to the given forces in one stage
-MOST_ITERATIONS = 16
-REMEMBERED = 12  # states per pulley
+MOST_ITERATIONS, REMEMBERED = 16, 12  # of one equilibrium; states per pulley
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class FlowPulley:
         """The belt on its mesh, before it flows."""
         rig, point = Rig(self.R, self.span), OperatingPoint(self.wrap, self.tension, 1.0)
         bench = Bench(self.belt, rig, Contact(0.0, POINTS), self.law, FrictionSurface.constant(1.0))
-        default = bench.model(point).nodes.size - 1
-        return bench.model(point, 2 * round(0.5 * FINER * default))
+        nodes = graded_nodes(self.belt, rig, self.law, self.wrap, self.tension, POINTS)
+        return bench.model(point, 2 * round(0.5 * FINER * (nodes.size - 1)))
 
     @functools.cached_property
     def laid(self) -> State:
