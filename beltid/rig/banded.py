@@ -21,10 +21,11 @@ WIDTH = 3 * HALF + 1
 
 def kernel(function: Any) -> Any:
     """Compile a function; its cache on disk does not see an edit of what it calls elsewhere."""
+    plain: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        return numba.njit(cache=True, **plain)(function)
     except RuntimeError:  # no folder for the cache can be written
-        return numba.njit(nogil=True, error_model="numpy")(function)
+        return numba.njit(**plain)(function)
 
 
 @kernel

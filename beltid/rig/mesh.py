@@ -21,6 +21,7 @@ from beltid.params import Belt, Rig
 Array = NDArray[np.float64]
 
 HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
+DERIVATIVES = [polynomial.polyder(HERMITE, order, axis=1).T for order in range(3)]
 _x, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 _y, MASS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 GAUSS_POINTS, MASS_POINTS = 0.5 + 0.5 * _x, 0.5 + 0.5 * _y  # on (0, 1)
@@ -96,7 +97,7 @@ def mesh_on(nodes: Array, n_c: int) -> Mesh:
 
 def shapes(x: Array, h: Array, order: int) -> Array:
     """Return derivatives of the shape functions at local places x in (0, 1), shape (n_e, m, 4)."""
-    unit = polynomial.polyval(x, polynomial.polyder(HERMITE, order, axis=1).T).T
+    unit = polynomial.polyval(x, DERIVATIVES[order]).T
     powers = h[:, None] ** (np.array([0.0, 1.0, 0.0, 1.0]) - order)
     return np.ascontiguousarray(unit * powers[:, None, :])
 
