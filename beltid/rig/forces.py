@@ -226,17 +226,18 @@ def add_inertia(mesh: Mesh, belt: Belt, s: State, rate: float) -> None:
 
 
 @kernel
-def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float]:
-    """Return the line force of a point and its slope over the penetration, Eqs. (1) and (3)."""
+def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float, float, float]:
+    """Return line force and touching share of a point, each before its slope, Eqs. (1), (3)."""
     # at the ends of the contact only some of the part touches: the penetration grows from zero as
     # its mean over the part does, so no stiffness jumps
     delta, half = -gap, 0.5 * pulley.edge * part
-    grows = 1.0
+    grows, growth = 1.0, 0.0
     if delta < half:
-        grows = max(0.0, (delta + half) / (2.0 * half))
+        grows, growth = max(0.0, (delta + half) / (2.0 * half)), 0.5 / half
         delta = grows * grows * half
     f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-    return f, elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic) * grows
+    slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic) * grows
+    return f, slope, grows, growth
 
 
 @kernel
@@ -290,7 +291,7 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: floa
             t = (n[1], -n[0])
             turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
             w = mesh.w_c[el, c] * stretch
-            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            f, slope, grows, growth = press(pulley, rho - R, mesh.w_c[el, c])
             slip, v, v_slip = 0.0, sliding_speed(motion.omega, R), 0.0
             if flows:
                 slip, v, v_slip = R * s.u[1] - fall * turn, point.slip, 1.0
@@ -308,9 +309,10 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: floa
             F_N, k = w * f, w * slope
             if moves:
                 approach = before.rho - rho
-                if approach > 0.0:  # Eq. (2): dissipation only while approaching
+                if approach > 0.0:  # Eq. (2): dissipation only while approaching, where it touches
                     damping = pulley.C_P * w * rate
-                    F_N, k = F_N + damping * approach, k + damping
+                    F_N += damping * grows * approach
+                    k += damping * (grows + growth * approach)
                 slip = rho * (motion.omega / rate - point.theta + before.theta)
                 v_slip = rate * R / rho
                 v = abs(slip) * v_slip

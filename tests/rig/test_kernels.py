@@ -25,6 +25,7 @@ def disturbed(rate: float, seed: int = 0) -> tuple[RigModel, Motion, State]:
     s = at_rest(model, laid)
     n_e, n_c = s.now.shape
     s.q_old[:] = s.q
+    s.q[1::4] -= 2e-5  # some points are at the edge of the contact
     s.q[:] += 2e-6 * rng.normal(size=s.q.size) * np.tile([1, 1, 50, 50], s.q.size // 4)
     s.q_dot[:] = 1e-4 * rng.normal(size=s.q.size)
     s.last["F_T"] = 0.1 * rng.normal(size=(n_e, n_c))
@@ -83,16 +84,19 @@ def test_the_inertia_is_that_of_the_mass_of_the_belt(power: int) -> None:
 
 
 def test_what_touches_dissipates_only_while_approaching() -> None:
-    """Eqs. (1), (2), (4): C_P times the rate of approach on top of the elastic force."""
+    """Eqs. (1), (2), (4): C_P times the rate of approach of the share of a part that touches."""
     model, motion, s = disturbed(300.0)
-    s.last["rho"] += np.where(np.arange(s.last.shape[1]) % 2, 1e-6, -1e-6) - 2e-7
     assemble(model.system, motion, s, -1.0)
-    part = model.system.mesh.w_c * s.u[0]
+    s.last["rho"] = s.now["rho"] + np.where(np.arange(s.last.shape[1]) % 2, 1e-6, -1e-6) - 2e-7
+    assemble(model.system, motion, s, -1.0)
+    part, R, edge = model.system.mesh.w_c * s.u[0], model.path.R, model.system.pulley.edge
+    share = np.clip(0.5 + (R - s.now["rho"]) / (edge * model.system.mesh.w_c), 0.0, 1.0)
     approach = (s.last["rho"] - s.now["rho"]) * motion.rate
     more = s.now["F_N"] - s.now["f_N"] * part
     touching = s.now["F_N"] > 0.0
-    expected = model.system.pulley.C_P * part * np.maximum(approach, 0.0)
+    expected = model.system.pulley.C_P * share * part * np.maximum(approach, 0.0)
     np.testing.assert_allclose(more[touching], expected[touching], atol=1e-9)
+    assert np.any((share > 0.0) & (share < 1.0) & (approach > 0.0))
 
 
 @pytest.mark.parametrize("seed", range(3))
