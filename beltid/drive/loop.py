@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 ARM_STEP = math.radians(0.5)  # in which the arm of a tensioner is turned until a sign changes
 TOLERANCE = 1e-8  # of the scaled equations: torque over T_0 R, strain over T_0/EA, speed
+GOAL = 1e-10  # residual at which the search ends
 DAMPED = 0.1  # first step of the second attempt, over the size of the unknowns; 100 in the first
 SLACK = 1e-5  # share of the largest span force below which a span is slack
 LARGEST = 1e4  # scaled force, flow or angle that is tried
@@ -151,6 +152,7 @@ class LoopState:
     arcs: Arcs
     level: Level  # that found it
     slack: bool = False  # a span is left without force; the other values are then meaningless
+    jacobian: Array | None = None  # of the scaled equations
     rods: tuple[FlowState | None, ...] = ()  # on each pulley; empty for strings, None for the back
 
     @property
@@ -242,15 +244,33 @@ def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None
 
 
 def _solved(loop: Loop, near: LoopState | None) -> LoopState:
-    """Solve the equations of a loop; if that fails, once more in small steps."""
+    """Solve the equations of a loop: by Broyden's method, then anew, then anew in small steps."""
+    u, J = loop.start(near), None if near is None else near.jacobian
+    if J is not None and J.shape == (u.size, u.size):
+        r, before = loop.residual(u), math.inf
+        while np.abs(r).max() < before:
+            before = np.abs(r).max()
+            if before <= GOAL:
+                return _found(loop, u, J)
+            step = np.linalg.solve(J, -r)
+            u = u + step
+            r = loop.residual(u)
+            J = J + np.outer(r, step) / (step @ step)
     for start, factor in ((near, 100.0), (None, DAMPED)):
-        found = root(loop.residual, loop.start(start), tol=1e-10, options={"factor": factor})
+        found = root(loop.residual, loop.start(start), tol=GOAL, options={"factor": factor})
         residual = float(np.abs(found.fun).max())
         if residual <= TOLERANCE:
-            state = loop.state(found.x)
-            slack = np.min(state.P) < SLACK * max(loop.rest.T_0, np.max(state.P))
-            return replace(state, slack=bool(slack))
+            R = np.zeros((u.size, u.size))
+            R[np.triu_indices(u.size)] = found.r
+            return _found(loop, found.x, found.fjac.T @ R)
     raise ConvergenceError(
         f"drive at {loop.omega:g} rad/s: no steady state found; largest residual {residual:.3g} of "
         f"the scaled equations, must be below {TOLERANCE:g}",
     )
+
+
+def _found(loop: Loop, u: Array, jacobian: Array) -> LoopState:
+    """Return a solution, which may be slack."""
+    state = loop.state(u)
+    slack = np.min(state.P) < SLACK * max(loop.rest.T_0, np.max(state.P))
+    return replace(state, slack=bool(slack), jacobian=jacobian)

@@ -117,7 +117,7 @@ class Simulator:
 
     def _with_rods(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
         """Find the steady state with rods, from that of a similar drive if it is known."""
-        like = self._last.get((rest.T_0, point.omega)) if near is None else near
+        like = self._last.get((rest.T_0, point.omega), near)
         state = None
         if like is not None and like.rods:
             known = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
@@ -133,6 +133,7 @@ class Simulator:
                 slip = np.full(state.P.size, math.nan)
                 return replace(state, arcs=state.arcs._replace(slip=slip))
             last, rods = state, self._rods(state, rest, near)
+            near = replace(state, rods=rods)
             state = solve_loop(point, self._corrected(state, rest, rods), state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE * (SLIPPING if state.arcs.slip.any() else 1.0):

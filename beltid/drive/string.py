@@ -206,13 +206,13 @@ class Level:
             arc(P, Q, v0, wrap, most, s)
             for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
-        arcs = Arcs(*np.vstack([np.array(rows).T, room]))
-        return arcs._replace(
-            torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
-        )
+        torque, W, rate, *others = np.array(rows).T
+        return Arcs(torque + self.torque, W * self.speed, rate * self.speed, *others, room)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
         """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15)."""
+        if self.EI == 0.0:
+            return self.length
         ends = np.broadcast_to(self.ends, P.shape)
         at_ends = (ends + following(ends)) * (self.EI / P) ** 1.5
         # both ends of the span move outwards, each to its side; the span tilts by the sum
