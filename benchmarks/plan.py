@@ -197,7 +197,7 @@ BENCHES = {
 def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) -> Measured:
     """Some of the runs, each with noise of its own; arcs numbered anew."""
     rows = np.array(chosen)
-    names = ("beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
+    names = ("beta", "T_0", "omega", "tight", "slack", "mu_se")
     some = replace(
         measured,
         arc=np.unique(measured.arc[rows], return_inverse=True)[1],

@@ -164,7 +164,6 @@ def refine_surface(
             changes=at_nodes,
             scatter=scatter,
             arcs_deg=campaign.measured.arcs_deg,
-            degrees_of_freedom=max(n - effective, 1.0),
         ),
         curves=curves,
         parameters=parameters,
@@ -223,13 +222,14 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     n, m, k = rig.label.size, curves.log_speed.size, curves.log_force.size
     runs, J = rig.slide(curves.surfaces(parameters)), np.zeros((n, m, k))
     for i, run in enumerate(runs):
-        J[i, rig.label[i]] = run.weight @ curves.basis(np.log(run.force))
+        force, weight = run.look_ups()
+        J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
     by_speed: Array = np.zeros((m, k))
     if m > 1:
         by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
-    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
+    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
     return Sweep(tight, slack, log_mu, J.reshape(n, m * k), speed_slope)
 
@@ -238,10 +238,10 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     """Return line forces [N/m]: the lowest limits of both :data:`SHARES`, and the peak."""
     acting = []
     for run in rig.slide([start] * rig.speeds.size):
-        order = np.argsort(run.force)
-        share = np.cumsum(run.load[order])
-        limits = np.interp(SHARES, share / share[-1], run.force[order])
-        acting.append([*limits, run.force.max()])
+        force, _ = run.look_ups()
+        order = np.argsort(force)
+        share = np.cumsum(run.state.now[run.state.touching]["F_N"][order])
+        acting.append([*np.interp(SHARES, share / share[-1], force[order]), force.max()])
     lowest, low, peak = np.array(acting).T
     return float(lowest.min()), float(low.min()), float(peak.max())
 

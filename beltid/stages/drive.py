@@ -39,7 +39,6 @@ from beltid.uncertainty.drive import (
 from beltid.uncertainty.sources import (
     DRIVE,
     PRESS,
-    Scatter,
     budget,
     stated_sources,
 )
@@ -373,7 +372,7 @@ def _budget(loss: np.ndarray, uncertainty: DriveUncertainty) -> Rows:
     if not significant.any():
         return []
     per_loss = 1.0 / loss[significant]
-    part = Scatter("friction surface", np.abs(scatter[significant] * per_loss))
+    part = {"friction surface": np.abs(scatter[significant] * per_loss)}
     relative = changes[significant] * per_loss[:, None]
     return budget("speed loss", uncertainty.sources, relative, part)
 

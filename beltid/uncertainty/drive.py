@@ -21,6 +21,7 @@ from beltid.drive.results import ADHESION, DriveResult
 from beltid.drive.simulator import Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import BENDING, SLOWER, Errors, Source, factor_of
 
@@ -181,7 +182,7 @@ def with_errors(
         for i, pulley in enumerate(drive.pulleys)
     )
     belt = drive.belt._replace(EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
-    law = None if drive.law is None else press.corrected(errors)
+    law = None if drive.law is None else NormalLaw(*press.coefficients(errors).tolist())
     tension, torque = 1.0 + errors.at("initial_tension"), 1.0 + errors.at("torque")
     moved = [replace(point.scaled(torque), T_0=point.T_0 * tension) for point in points]
     return replace(drive, belt=belt, law=law, pulleys=pulleys), moved
