@@ -13,6 +13,7 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -30,12 +31,10 @@ from beltid.refine.posterior import (
     SCATTER,
     SHARED_ERRORS,
     Curves,
-    Effect,
     LinearRuns,
     Sizes,
     campaign_effects,
 )
-from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
@@ -120,18 +119,17 @@ def refine_surface(
     simulated, or if the iteration does not converge.
     """
     n, notes = campaign.measured.mu.size, list[str]()
-    effects = campaign_effects(campaign.measured, reference_degC)
     try:
-        problem, first, fit = _solved(campaign, speeds, effects, MESHES[0])
+        problem, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
     except ConvergenceError as error:
-        problem, first, fit = _solved(campaign, speeds, effects, MESHES[1])
+        problem, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
         ratio = MESHES[1] / MESHES[0]
         notes.append(
             f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
         )
-    curves, posterior, q = problem.curves, fit.posterior, fit.coordinates.size
+    curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
-    told, left, runs = (np.zeros(0), np.zeros(0)), list(sources), fit.runs
+    told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
         at = curves.surfaces(parameters), problem.rig.speeds, fit.sweep.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
@@ -143,13 +141,14 @@ def refine_surface(
             share = min(1.0, math.hypot(told[0][k], told[1][k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
-    gain, by_effect, of_effects = runs.gain(posterior), [np.zeros((n, 0))], list[Source]()
+    gain, by_effect = runs.gain(posterior), [np.zeros((n, 0))]
     for effect in runs.effects:
         size = posterior.sizes[effect.key]
-        of_effects += effect_sources(effect.key, size, effect.columns.shape[1])
+        left += effect_sources(effect.key, size, effect.columns.shape[1])
         by_effect.append(size * effect.columns)
     shared = gain[:q] @ np.hstack([changes, *by_effect])
-    own = posterior.covariance[:q, :q] - shared[:, len(sources) :] @ shared[:, len(sources) :].T
+    of_effects = shared[:, len(sources) :]
+    own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
     at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
@@ -160,7 +159,7 @@ def refine_surface(
         surface=surface,
         uncertainty=SurfaceUncertainty(
             surface=surface,
-            sources=(*left, *of_effects),
+            sources=left,
             changes=at_nodes,
             scatter=scatter,
             arcs_deg=campaign.measured.arcs_deg,
@@ -174,35 +173,31 @@ def refine_surface(
         posterior=posterior,
         covariance=posterior.covariance + by_errors @ by_errors.T,
         weight=fit.weight,
-        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
+        misfit_before=np.expm1(fit.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        iterations=first.iterations + fit.iterations,
+        iterations=fit.iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
         notes=tuple(notes),
-        warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
+        warnings=tuple(_not_converged(fit)),
     )
 
 
 def _solved(
-    campaign: Campaign, speeds: Array, effects: tuple[Effect, ...], finer: float
-) -> tuple[Problem, Fit, Fit]:
-    """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    rig = RigRuns(campaign, speeds, finer)
-    first = Problem(rig, campaign.bench.surface, campaign.measured, effects)
-    near = first.solved(campaign.bench.surface)
-    start = first.tabulated(first.curves.B @ near.coordinates)
-    problem = Problem(rig, start, campaign.measured, effects)
-    return problem, near, problem.solved(start)
+    campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
+) -> tuple[Problem, Fit]:
+    """Solve on a mesh."""
+    problem = Problem(RigRuns(campaign, speeds, mesh), campaign, reference_degC)
+    return problem, problem.solved(campaign.bench.surface)
 
 
-def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
+def _not_converged(fit: Fit) -> Iterator[str]:
     """Yield a sentence for each iteration that did not converge."""
     if not fit.posterior.converged:
         yield "the search for the sizes of noise and effects did not end: the errors may be wrong"
     if fit.still_changing > 0.0:
         yield (
-            f"no convergence in {iterations} iterations: last change of mu "
+            f"no convergence in {fit.iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
 
@@ -263,19 +258,14 @@ class Fit(NamedTuple):
 class Problem:
     """The runs on the simulated rig and their measured values; knots where forces act."""
 
-    def __init__(
-        self,
-        rig: RigRuns,
-        start: FrictionSurface,
-        measured: Measured,
-        effects: tuple[Effect, ...],
-    ) -> None:
-        lowest, low, high = acting_forces(rig, start)
+    def __init__(self, rig: RigRuns, campaign: Campaign, reference_degC: float | None) -> None:
+        lowest, low, high = acting_forces(rig, campaign.bench.surface)
+        measured = campaign.measured
         # as many knots as nodes over the surface, and more down to the lowest force
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
         n_below = math.ceil((inside[0] - np.log(lowest)) / gap)
         below = inside[0] - gap * np.arange(n_below, 0, -1)
-        self.rig, self.effects = rig, effects
+        self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
@@ -355,19 +345,12 @@ class Problem:
             return 0.0, at, done, change, 0.0
         gain = runs.misfit(effect, step, sizes)
         initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
-        share = min(1.0, LARGEST_CHANGE / change)
-        for last in np.arange(HALVINGS) == HALVINGS - 1:
-            trial = at + share * step
-            try:
-                simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
-            except BeltidError:
-                if last:
-                    raise
-            else:
-                misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+        for share in min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS):
+            with contextlib.suppress(BeltidError):  # no sliding state so far away
+                trial = sweep(self.rig, self.curves, self.curves.B @ (at + share * step))
+                misfit = runs.misfit(self.log_mu - trial.log_mu, at + share * step, sizes)
                 if misfit <= initial - share * 2.0 * DECREASE * gain:
-                    return share, trial, simulated, change, gain
-            share *= 0.5
+                    return float(share), at + share * step, trial, change, gain
         return 0.0, at, done, change, gain
 
 
@@ -436,44 +419,34 @@ def unusual_effects(found: RefinedSurface) -> dict[str, float]:
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    response = found.runs.response[:, None]
-    effects = {effect.key: effect.columns / response for effect in found.runs.effects}
-    numbers, C = found.posterior.mean, found.covariance
-    unit = {key: np.eye(numbers.size)[found.posterior.model.places[key]] for key in effects}
-
-    def shown(key: str, rows: Array, arcs_deg: tuple[float, ...] = ()) -> ShownEffect:
-        """Return the root mean square of sums of the numbers, with the sign of a single one."""
-        size, variance = rows @ numbers, np.einsum("nk,kl,nl->n", rows, C, rows)
-        rms = float(size[0]) if size.size == 1 else float(np.sqrt(np.mean(np.square(size))))
-        return ShownEffect(key, rms, float(np.sqrt(np.mean(variance))), arcs_deg)
-
-    def weighed(effect: ShownEffect) -> ShownEffect:
-        """Add the share that the surface explains and, if it is large, the evidence for it."""
-        keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
-        if effect.key != ARC:
-            change = effects[keys[0]] @ (unit[keys[0]] @ numbers)
-            explained = found.runs.explained(found.runs.response * change, found.sizes)
-            effect = replace(effect, explained=explained)
-        if effect.is_large:  # this takes a search
-            effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
-        return effect
-
-    effects_shown = []
+    columns = {e.key: e.columns / found.runs.response[:, None] for e in found.runs.effects}
+    mean, C, arcs_deg = found.posterior.mean, found.covariance, found.uncertainty.arcs_deg
+    unit = {key: np.eye(mean.size)[found.posterior.model.places[key]] for key in columns}
+    rows, arcs = dict[str, Array](), ()  # sums of the numbers whose root mean square is the size
     if ARC in unit:
-        arcs_deg = found.uncertainty.arcs_deg.tolist()
-        pairs = [
-            shown(ARC, (unit[ARC][high] - unit[ARC][low])[None], (arcs_deg[low], arcs_deg[high]))
-            for low, high in itertools.permutations(range(len(arcs_deg)), 2)
-        ]
-        effects_shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
-    effects_shown += [weighed(shown(k, unit[k])) for k in (ORDER, TEMPERATURE) if k in unit]
+        pairs = np.array(list(itertools.permutations(range(len(arcs_deg)), 2)))
+        apart = unit[ARC][pairs[:, 1]] - unit[ARC][pairs[:, 0]]
+        clearest = np.argmax(apart @ mean / np.sqrt(np.einsum("nk,kl,nl->n", apart, C, apart)))
+        rows[ARC], arcs = apart[clearest][None], tuple(arcs_deg[pairs[clearest]].tolist())
+    rows |= {key: unit[key] for key in (ORDER, TEMPERATURE) if key in unit}
     if COURSE in unit:
-        effects_shown.append(weighed(shown(COURSE, effects[COURSE] @ unit[COURSE])))
+        rows[COURSE] = columns[COURSE] @ unit[COURSE]
     if ORDER in unit and TEMPERATURE in unit:
         # add the effect of the temperature's linear trend over the campaign
-        order, temperature = effects[ORDER][:, 0], effects[TEMPERATURE][:, 0]
-        trend = np.polyfit(order, temperature, 1)[0]
-        both = weighed(shown(TOGETHER, unit[ORDER] + trend * unit[TEMPERATURE]))
-        if both.is_clear and not any(e.is_clear for e in effects_shown if e.key != ARC):
-            effects_shown.append(both)
-    return (*effects_shown, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
+        trend = np.polyfit(columns[ORDER][:, 0], columns[TEMPERATURE][:, 0], 1)[0]
+        rows[TOGETHER] = unit[ORDER] + trend * unit[TEMPERATURE]
+    effects = list[ShownEffect]()
+    for key, of in rows.items():
+        keys = (ORDER, COURSE, TEMPERATURE) if key == TOGETHER else (key,)
+        sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
+        size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
+        effect = ShownEffect(key, size, u, arcs if key == ARC else ())
+        if key != ARC:
+            change = found.runs.response * (columns[keys[0]] @ (unit[keys[0]] @ mean))
+            effect = replace(effect, explained=found.runs.explained(change, found.sizes))
+        if effect.is_large:  # this takes a search
+            effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
+        known = any(other.is_clear for other in effects if other.key != ARC)
+        if key != TOGETHER or (effect.is_clear and not known):
+            effects.append(effect)
+    return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))

@@ -134,7 +134,8 @@ def published(
 
 def published_from(columns: Columns, rows: np.ndarray) -> SurfaceResult:
     """Build the surface of some runs."""
-    return build_surface(*(columns[name][rows] for name in MEASURED), own_errors(columns)[rows])
+    arcs, force, speed, mu = (columns[name][rows] for name in MEASURED)
+    return build_surface(arcs, force, speed, mu, own_errors(columns)[rows])
 
 
 def rows_of_one(columns: Columns, rows: np.ndarray, chosen: Mapping[str, str | None]) -> np.ndarray:

@@ -194,8 +194,7 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
     """Return the sources of an effect; `size` is the standard deviation that the runs show."""
-    places = range(count if size > 0.0 else 0)
-    return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in places)
+    return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in range(count))
 
 
 def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
