@@ -35,6 +35,7 @@ from beltid.refine.posterior import (
     Sizes,
     campaign_effects,
 )
+from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
@@ -120,9 +121,9 @@ def refine_surface(
     """
     n, notes = campaign.measured.mu.size, list[str]()
     try:
-        problem, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
+        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
     except ConvergenceError as error:
-        problem, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
+        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
         ratio = MESHES[1] / MESHES[0]
         notes.append(
             f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
@@ -173,31 +174,35 @@ def refine_surface(
         posterior=posterior,
         covariance=posterior.covariance + by_errors @ by_errors.T,
         weight=fit.weight,
-        misfit_before=np.expm1(fit.log_mu_before - problem.log_mu),
+        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        iterations=fit.iterations,
+        iterations=first.iterations + fit.iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
         notes=tuple(notes),
-        warnings=tuple(_not_converged(fit)),
+        warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
     )
 
 
 def _solved(
     campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
-) -> tuple[Problem, Fit]:
-    """Solve on a mesh."""
-    problem = Problem(RigRuns(campaign, speeds, mesh), campaign, reference_degC)
-    return problem, problem.solved(campaign.bench.surface)
+) -> tuple[Problem, Fit, Fit]:
+    """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
+    rig, start, fits = RigRuns(campaign, speeds, mesh), campaign.bench.surface, list[Fit]()
+    for _ in range(2):
+        problem = Problem(rig, start, campaign.measured, reference_degC)
+        fits.append(problem.solved(start))
+        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
+    return problem, *fits
 
 
-def _not_converged(fit: Fit) -> Iterator[str]:
+def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
     """Yield a sentence for each iteration that did not converge."""
     if not fit.posterior.converged:
         yield "the search for the sizes of noise and effects did not end: the errors may be wrong"
     if fit.still_changing > 0.0:
         yield (
-            f"no convergence in {fit.iterations} iterations: last change of mu "
+            f"no convergence in {iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
 
@@ -258,9 +263,10 @@ class Fit(NamedTuple):
 class Problem:
     """The runs on the simulated rig and their measured values; knots where forces act."""
 
-    def __init__(self, rig: RigRuns, campaign: Campaign, reference_degC: float | None) -> None:
-        lowest, low, high = acting_forces(rig, campaign.bench.surface)
-        measured = campaign.measured
+    def __init__(
+        self, rig: RigRuns, start: FrictionSurface, measured: Measured, reference_degC: float | None
+    ) -> None:
+        lowest, low, high = acting_forces(rig, start)
         # as many knots as nodes over the surface, and more down to the lowest force
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
         n_below = math.ceil((inside[0] - np.log(lowest)) / gap)

@@ -103,9 +103,9 @@ def simulated_runs(
 class Sliding(NamedTuple):
     """The sliding limit of a run."""
 
-    model: RigModel  # its rig
+    model: RigModel  # its rig, with the surface
     state: State  # tensions T_A (tight) and T_B (slack) [N], contact points
-    surface: FrictionSurface  # with which it slides
+    surface: FrictionSurface
 
     @property
     def mu(self) -> float:
@@ -161,7 +161,8 @@ class RigRuns:
         """
         runs = []
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
-            runs.append(Sliding(model, slide(model.with_surface(surfaces[j]), laid), surfaces[j]))
+            run = model.with_surface(surfaces[j])
+            runs.append(Sliding(run, slide(run, laid), surfaces[j]))
         return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
