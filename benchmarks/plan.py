@@ -211,7 +211,7 @@ def planned(bench: SyntheticBench) -> tuple[Plan, Target]:
     of = bench.design
     middle = Bench(of.belt, of.rig, Contact(), of.law, FrictionSurface.constant(1.0))
     points = settings_of_rig(*of.settings)
-    sources = sources_of_plan(None, of.given, of.settings[0], False)
+    sources = sources_of_plan(None, of.given, of.settings[0])
     rows, runs, curves = simulate_candidates(
         middle, of.press, points, None, sources, bench.noise, kind=of.kind
     )

@@ -63,16 +63,12 @@ def sources_of_plan(
     known: SurfaceUncertainty | None,
     stated: StandardUncertainties,
     arcs_deg: Sequence[float],
-    law_scatter: bool,
 ) -> tuple[Source, ...]:
-    """List the shared errors of a known surface, then the additional ones of its candidates.
-
-    These are at arcs [deg]; `law_scatter` says whether the covariance of the contact law is known.
-    """
+    """List the shared errors of a known surface, then the additional ones of arcs [deg]."""
     stored = () if known is None else tuple(known.sources)
     _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
     size = next((source.size for source in stored if source.error == ARC), BEFORE[ARC].median)
-    every = stated_sources(stated, SURFACE, len(arcs), law_scatter=law_scatter)
+    every = stated_sources(stated, SURFACE, len(arcs))
     return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
 
 

@@ -188,12 +188,12 @@ def _solved(
     campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
 ) -> tuple[Problem, Fit, Fit]:
     """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    rig, start, fits = RigRuns(campaign, speeds, mesh), campaign.bench.surface, list[Fit]()
-    for _ in range(2):
-        problem = Problem(rig, start, campaign.measured, reference_degC)
-        fits.append(problem.solved(start))
-        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
-    return problem, *fits
+    rig, start = RigRuns(campaign, speeds, mesh), campaign.bench.surface
+    problem = Problem(rig, start, campaign.measured, reference_degC)
+    first = problem.solved(start)
+    start = problem.tabulated(problem.curves.B @ first.coordinates)
+    problem = Problem(rig, start, campaign.measured, reference_degC)
+    return problem, first, problem.solved(start)
 
 
 def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
@@ -303,37 +303,31 @@ class Problem:
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
-        residual, sizes, converged = np.zeros(self.log_mu.size), dict[str, float](), True
-        share, change, choices, iteration = 1.0, np.inf, 0, 0
-        try:
-            done = sweep(self.rig, self.curves, self.curves.B @ at)
-            before = done.log_mu
-            while iteration < MOST_ITERATIONS:
-                iteration += 1
-                fresh = choices < CHOICES and share in (0.0, 1.0)
-                if fresh:
-                    weight, response = _weights(residual), done.J.sum(axis=1)
-                    choices += 1
-                runs = self.linearised(done, at, weight, response)
-                posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
-                converged = posterior.converged if fresh else converged
-                sizes, last = posterior.sizes, choices == CHOICES
-                residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-                share, at, done, change, gain = self._descend(at, done, runs, posterior)
-                ended = share == 0.0 and gain <= NOTHING and (fresh or last)
-                change = 0.0 if ended else change
-                if ended or (share == 0.0 and last):
-                    break
-        except BeltidError as error:
-            raise ConvergenceError(
-                [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
-            ) from error
+        done = sweep(self.rig, self.curves, self.curves.B @ at)
+        before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
+        share, choices = 1.0, 0
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            fresh = choices < CHOICES and share in (0.0, 1.0)
+            if fresh:
+                weight, response = _weights(residual), done.J.sum(axis=1)
+                choices += 1
+            runs = self.linearised(done, at, weight, response)
+            if fresh:
+                posterior = runs.choose(sizes)
+            else:
+                posterior = replace(runs.model().at(sizes), converged=posterior.converged)
+            sizes, last = posterior.sizes, choices == CHOICES
+            residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
+            share, at, done, change, gain = self._descend(at, done, runs, posterior)
+            if share == 0.0 and gain <= NOTHING and (fresh or last):
+                return Fit(at, done, runs, posterior, weight, before, iteration)
+            if share == 0.0 and last:
+                break
         if change > NEARLY:
             raise ConvergenceError(
                 f"refined surface: no convergence in {iteration} iterations (last change of mu "
                 f"{100 * change:.2g} %)",
             )
-        posterior = replace(posterior, converged=converged)
         return Fit(at, done, runs, posterior, weight, before, iteration, change)
 
     def _descend(
@@ -366,7 +360,6 @@ def _weights(misfit: Array) -> Array:
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
-TOGETHER: Final = "together"
 WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
@@ -378,9 +371,7 @@ LEAST_EVIDENCE: Final = math.log(20.0)
 class ShownEffect:
     """An effect of the campaign and its size for the reader."""
 
-    key: str
-    """Key of the effect; "scatter" for the friction from run to run, "together" for the change over
-    the campaign by run order and temperature if the runs cannot separate the two."""
+    key: str  # of the effect; "scatter" for the friction from run to run
     size: float
     """Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
     by 10 K; beside the steady change (root mean square); or the standard deviation of scatter."""
@@ -437,22 +428,15 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     rows |= {key: unit[key] for key in (ORDER, TEMPERATURE) if key in unit}
     if COURSE in unit:
         rows[COURSE] = columns[COURSE] @ unit[COURSE]
-    if ORDER in unit and TEMPERATURE in unit:
-        # add the effect of the temperature's linear trend over the campaign
-        trend = np.polyfit(columns[ORDER][:, 0], columns[TEMPERATURE][:, 0], 1)[0]
-        rows[TOGETHER] = unit[ORDER] + trend * unit[TEMPERATURE]
     effects = list[ShownEffect]()
     for key, of in rows.items():
-        keys = (ORDER, COURSE, TEMPERATURE) if key == TOGETHER else (key,)
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
         effect = ShownEffect(key, size, u, arcs if key == ARC else ())
         if key != ARC:
-            change = found.runs.response * (columns[keys[0]] @ (unit[keys[0]] @ mean))
+            change = found.runs.response * (columns[key] @ (unit[key] @ mean))
             effect = replace(effect, explained=found.runs.explained(change, found.sizes))
         if effect.is_large:  # this takes a search
-            effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
-        known = any(other.is_clear for other in effects if other.key != ARC)
-        if key != TOGETHER or (effect.is_clear and not known):
-            effects.append(effect)
+            effect = replace(effect, log_evidence=found.runs.log_evidence_for(key))
+        effects.append(effect)
     return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))

@@ -15,7 +15,7 @@ say of them is found beside it, by the same model with these errors as one more 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -209,7 +209,7 @@ class LinearRuns:
             starts += [{**dict.fromkeys(effects, SMALL), name: LARGE} for name in effects]
         return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
 
-    def log_evidence_for(self, keys: Collection[str]) -> float:
+    def log_evidence_for(self, *keys: str) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
 
         All sizes are chosen again without them, as others may explain the same.

@@ -66,8 +66,8 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
     # the most loaded point: of those with a steady state, if there is any
     steady = [run for run, result in good.items() if set(result.status) <= {ADHESION, FULL_SLIP}]
     heaviest = max(steady or good, key=lambda run: good[run].load)
-    given, n, law_scatter = standard_uncertainties(config), len(drive.pulleys), press.has_scatter
-    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n, law_scatter=law_scatter)
+    given, n_pulleys = standard_uncertainties(config), len(drive.pulleys)
+    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n_pulleys)
     at, results = [points[run] for run in good], list(good.values())
     uncertainty = drive_uncertainty(drive, at, results, press, sources)
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}

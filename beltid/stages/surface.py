@@ -22,7 +22,6 @@ from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
-    TOGETHER,
     RefinedSurface,
     ShownEffect,
     contradictions,
@@ -81,10 +80,6 @@ EFFECTS: Final = {
     TEMPERATURE: (
         "temperature, per 10 K",
         "the surface holds for the mean of the runs, unless friction.correct_temperature: true",
-    ),
-    TOGETHER: (
-        "order or temperature, over the campaign",
-        "the temperature rises with the order of the runs",
     ),
     SCATTER: ("scatter from run to run", ""),
 }
@@ -265,8 +260,7 @@ def refined(
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
     n_arcs = int(measured.arc.max()) + 1
-    given, law_scatter = standard_uncertainties(config), press.has_scatter
-    stated = stated_sources(given, SURFACE, n_arcs, law_scatter=law_scatter)
+    stated = stated_sources(standard_uncertainties(config), SURFACE, n_arcs)
     shared = (*stated, *reduction_sources(measured.columns))
     calls = [(campaign, speeds, shared, reference)]
     (found,) = (workers or Workers()).run(refine_surface, calls)

@@ -6,7 +6,6 @@ the moved node and shifted back along the slope of the surface.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -59,11 +58,6 @@ class PressLaw:
     covariance: Array  # of (k_linear, k_quadratic) by the scatter of the press; or zero, (2, 2)
     max_penetration_m: float  # deepest penetration of the fit
     segment_length_m: float  # length of belt under the press
-
-    @property
-    def has_scatter(self) -> bool:
-        """Whether the covariance is known."""
-        return bool(np.any(self.covariance != 0.0))
 
     def coefficients(self, errors: Errors) -> Array:
         """Return the coefficients (2,) with errors corrected; negative ones become zero.
@@ -308,13 +302,11 @@ def numbered_arcs(
     arcs_deg: Sequence[float] | np.ndarray, known_deg: Sequence[float] | np.ndarray
 ) -> tuple[NDArray[np.intp], list[float]]:
     """Return the number of each arc (n,), and all arcs [deg]: new ones follow the known ones."""
-    all_arcs = [float(arc) for arc in known_deg]
-    numbers = []
+    all_arcs, numbers = [float(arc) for arc in known_deg], []
     for arc in arcs_deg:
-        near = [k for k, other in enumerate(all_arcs) if math.isclose(arc, other, rel_tol=ARC_GAP)]
-        numbers.append(near[0] if near else len(all_arcs))
-        if not near:
-            all_arcs.append(float(arc))
+        near = np.flatnonzero(np.isclose(all_arcs, arc, rtol=ARC_GAP, atol=0.0))
+        numbers.append(near[0] if near.size else len(all_arcs))
+        all_arcs += [] if near.size else [float(arc)]
     return np.array(numbers, dtype=np.intp), all_arcs
 
 

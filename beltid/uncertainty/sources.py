@@ -157,18 +157,16 @@ def stated_sources(
     results: Sequence[str],
     n_arcs: int = 0,
     n_pulleys: int = 0,
-    law_scatter: bool = False,
 ) -> tuple[Source, ...]:
     """List the errors that change some results, in the order of the results.
 
-    With `law_scatter`, the covariance of the contact law is known: all runs use the same law, so
-    that its scatter is an error that they share. The places of ``drive_centres`` are the abscissae
-    of all pulleys, then their ordinates.
+    All runs use the same contact law, so that its scatter is an error that they share. The places
+    of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
     """
     counts = {ARCS: n_arcs, PULLEYS: n_pulleys, COORDINATES: 2 * n_pulleys}
     sources = []
     for result in results:
-        if result == PRESS and law_scatter:
+        if result == PRESS:
             sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
         for kind in KINDS:
             if result in kind.results and (size := u[kind.error]) > 0.0:
@@ -277,9 +275,9 @@ class SurfaceUncertainty:
     arcs_deg: Array  # arc settings in the order in which the sources number them [deg]
     noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
-    def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
+    def stated_otherwise(self, stated: StandardUncertainties) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
-        now = stated_sources(stated, SURFACE, len(self.arcs_deg), law_scatter=law_scatter)
+        now = stated_sources(stated, SURFACE, len(self.arcs_deg))
         sizes = {source.key: source.size for source in now}
         then = (source for source in self.sources if source.basis != FITTED)
         return list(dict.fromkeys(s.name for s in then if sizes.get(s.key, s.size) != s.size))
