@@ -1,9 +1,8 @@
 """What is known of the surface before a plan, and the settings of the rig as rows of its model.
 
-Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface at its
-usual sizes and a broad prior of level and slopes, (P5) of the theory page. Additional knots of a
-measured surface follow from its nodes by the same prior. Each setting is simulated once with the
-present surface; the rows J, S of (P1) are as for the refined surface, and the noise of a run is
+Before any run, ln mu at the knots is Gaussian, (P5) of the theory page: as rough as refined
+surfaces usually are, with a broad prior of level and slopes. Additional knots of a measured surface
+follow from its nodes by the same prior. The noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
@@ -133,10 +132,7 @@ USUAL_NOISE: Final = NoiseLaw()
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
-    """Fit (P6) to the squared standard errors of reduced runs, in relative misfits.
-
-    Raises `InputError` if no run has a standard error.
-    """
+    """Fit (P6) to the squared standard errors of reduced runs, in relative misfits."""
     squares = np.square(measured.mu_se / measured.mu)
     has_error = squares > 0.0
     if not has_error.any():
@@ -202,10 +198,7 @@ def simulate_candidates(
 
 
 def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
-    """Place knots in ln f from a lowest to a highest force [N/m].
-
-    The knots of a measured surface stay; further ones extend it at the spacing of its end nodes.
-    """
+    """Place knots in ln f between two forces [N/m], or extend those of a measured surface."""
     if measured is None:
         return np.linspace(np.log(low), np.log(high), count)
     nodes = np.log(measured.normal_force_N_m)

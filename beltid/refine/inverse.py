@@ -1,10 +1,9 @@
 """Refine a friction surface: find mu(f_N, v) for which the simulated rig matches the measurements.
 
 The published procedure assigns each measured coefficient to the mean force of Eq. (8), which has no
-peaks by bending where the belt enters and leaves the pulley. Here the rig is simulated (its sliding
-limit, with sensitivities), and Gauss–Newton finds the surface for which Eq. (6), applied to the
-simulated tensions, gives each measured coefficient. The data determine its smoothness and the other
-effects on friction (:mod:`beltid.refine.posterior`).
+peaks by bending where the belt enters and leaves the pulley. Here Gauss–Newton finds the surface
+for which Eq. (6), applied to the tensions of the simulated rig, gives each measured coefficient.
+The data determine its smoothness and the other effects on friction.
 
 An error e of the bench changes the surface by G de, with the gain G of the solution (implicit
 differentiation of least squares) and the change de of measured minus simulated ln mu: without a new
@@ -16,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -152,6 +151,15 @@ def refine_surface(
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    warnings, iterations = list[str](), first.iterations + fit.iterations
+    if not posterior.converged:
+        what = "the search for the sizes of noise and effects did not end"
+        warnings.append(f"{what}: the errors may be wrong")
+    if fit.still_changing > 0.0:
+        warnings.append(
+            f"no convergence in {iterations} iterations: last change of mu "
+            f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
+        )
     at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
     scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
     of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
@@ -176,11 +184,11 @@ def refine_surface(
         weight=fit.weight,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        iterations=first.iterations + fit.iterations,
+        iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
         notes=tuple(notes),
-        warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
+        warnings=tuple(warnings),
     )
 
 
@@ -194,17 +202,6 @@ def _solved(
     start = problem.tabulated(problem.curves.B @ first.coordinates)
     problem = Problem(rig, start, campaign.measured, reference_degC)
     return problem, first, problem.solved(start)
-
-
-def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
-    """Yield a sentence for each iteration that did not converge."""
-    if not fit.posterior.converged:
-        yield "the search for the sizes of noise and effects did not end: the errors may be wrong"
-    if fit.still_changing > 0.0:
-        yield (
-            f"no convergence in {iterations} iterations: last change of mu "
-            f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
-        )
 
 
 class Sweep(NamedTuple):
@@ -284,11 +281,7 @@ class Problem:
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
     def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
-        """Linearise the data about simulated runs.
-
-        `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
-        are chosen again.
-        """
+        """Linearise the data about simulated runs, of sensitivity `response` to effects (n,)."""
         effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
         y = self.log_mu - done.log_mu + done.J @ (self.curves.B @ at)
         parts = {name: done.J @ columns for name, columns in self.curves.parts.items()}
@@ -297,9 +290,7 @@ class Problem:
     def solved(self, start: FrictionSurface) -> Fit:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them.
 
-        Each step decreases the penalised misfit with its weights and sizes. They are chosen again
-        only if the linear model was just valid for a whole step, or if the misfit decreases no
-        further.
+        They are chosen again after a whole step, or if the misfit decreases no further.
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
@@ -387,10 +378,7 @@ class ShownEffect:
 
     @property
     def is_large(self) -> bool:
-        """Whether it far exceeds its uncertainty and the error of the simulated rig.
-
-        An effect that force and speed explain may as well belong to the surface.
-        """
+        """Whether it far exceeds its uncertainty, and no surface explains it."""
         least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
         return abs(self.size) > least and not self.is_confounded
 

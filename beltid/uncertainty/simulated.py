@@ -1,15 +1,12 @@
 """Runs on the simulated rig, their derivatives, and the uncertainty of what they say.
 
 The belt of each run is laid on the pulley once; the run then slides with many surfaces (sliding
-limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) with respect to
-mu at every place where the belt looks it up, and so with respect to any parameter of the surface.
-The derivatives by the inputs of the rig come from one more simulation for each input. This is the
-only module of the rooms ``uncertainty``, ``refine`` and ``plan`` that calls the rig.
+limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) by mu at every
+place where the belt looks it up; those by the inputs of the rig take one more simulation each.
 
-An error of the bench acts on the measured values and on the inputs of the simulation (the surface
-built from the same bench; arc, tension, radius, stiffnesses), and may cancel in their difference.
-Therefore the changes of the simulated ln mu and of the difference are kept by source, with their
-signs. The comparison error of simulation and experiment says something about the model only beyond
+An error of the bench acts on the measured values and on the inputs of the simulation, and may
+cancel in their difference. So the changes of the simulated ln mu and of the difference are kept by
+source, with their signs. A comparison says something about the model only beyond
 
     u_val² = u_num² + u_input² + u_D²
 
@@ -67,10 +64,7 @@ class Campaign:
     press: PressLaw  # the contact law and its fit to the press
 
     def inputs(self, runs: Measured, errors: Errors) -> Array:
-        """Return `INPUTS` of the simulated rig for its runs, with errors of the bench corrected.
-
-        `runs` are those that were measured, with the same errors corrected, (n, 8).
-        """
+        """Return `INPUTS` of the simulated rig (n, 8) for runs with the same errors corrected."""
         belt = self.bench.belt
         shared = (
             runs.R,
@@ -90,10 +84,7 @@ def simulated_runs(
     kind: RigKind,
     tensions: Array | tuple[Array, Array] | None = None,
 ) -> Measured:
-    """Return simulated runs as if their tight and slack tensions had been measured exactly.
-
-    Without `tensions` they are those at rest.
-    """
+    """Return simulated runs as if their tensions, or those at rest, had been measured exactly."""
     beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
     tight, slack = (T_0, T_0) if tensions is None else tensions
     settings, given = (bench.rig.R, arc, beta, T_0, omega), bench.rig.given_force
@@ -155,10 +146,7 @@ class RigRuns:
         self._laid = [lay_on(model) for model in self.models]
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
-        """Compute every run with the surface of its speed.
-
-        Raises `ConvergenceError` if a run has no sliding state.
-        """
+        """Compute every run with the surface of its speed."""
         runs = []
         for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
@@ -382,9 +370,8 @@ def validated(
     # if the surface was built from these runs, an error of their reduction changes both
     present = {source.error for source in uncertainty.sources}
     added = [source for source in reduction_sources(shared) if source.error not in present]
-    sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
-    inputs = np.hstack([uncertainty.simulated[rows], more])
-    difference = np.hstack([uncertainty.difference[rows], more])
+    sources = (*uncertainty.sources, *added)
+    difference = np.hstack([uncertainty.difference[rows], np.zeros((mu.size, len(added)))])
     for k, source in enumerate(sources):
         difference[:, k] -= shared.get(source.error, none)
     missed = none
@@ -397,7 +384,7 @@ def validated(
     of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
     parts = dict(zip(SCATTERS, (of_runs, of_surface, numerical, np.abs(missed)), strict=True))
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
-    u_input = np.linalg.norm([of_surface, missed, *inputs.T], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
     result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
     rms = result.rms_error_over_uncertainty
     columns = {
