@@ -197,7 +197,7 @@ BENCHES = {
 def taken(measured: Measured, se: Array, chosen: Sequence[int], noise: Array) -> Measured:
     """Some of the runs, each with noise of its own; arcs numbered anew."""
     rows = np.array(chosen)
-    names = ("beta", "T_0", "omega", "tight", "slack", "mu", "mu_se")
+    names = ("beta", "T_0", "omega", "tight", "slack", "mu_se")
     some = replace(
         measured,
         arc=np.unique(measured.arc[rows], return_inverse=True)[1],
@@ -211,7 +211,7 @@ def planned(bench: SyntheticBench) -> tuple[Plan, Target]:
     of = bench.design
     middle = Bench(of.belt, of.rig, Contact(), of.law, FrictionSurface.constant(1.0))
     points = settings_of_rig(*of.settings)
-    sources = sources_of_plan(None, of.given, of.settings[0], False)
+    sources = sources_of_plan(None, of.given, of.settings[0])
     rows, runs, curves = simulate_candidates(
         middle, of.press, points, None, sources, bench.noise, kind=of.kind
     )

@@ -1,9 +1,8 @@
 """What is known of the surface before a plan, and the settings of the rig as rows of its model.
 
-Before any run, ln mu at the knots is Gaussian with the roughness of the refined surface at its
-usual sizes and a broad prior of level and slopes, (P5) of the theory page. Additional knots of a
-measured surface follow from its nodes by the same prior. Each setting is simulated once with the
-present surface; the rows J, S of (P1) are as for the refined surface, and the noise of a run is
+Before any run, ln mu at the knots is Gaussian, (P5) of the theory page: as rough as refined
+surfaces usually are, with a broad prior of level and slopes. Additional knots of a measured surface
+follow from its nodes by the same prior. The noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
@@ -63,16 +62,12 @@ def sources_of_plan(
     known: SurfaceUncertainty | None,
     stated: StandardUncertainties,
     arcs_deg: Sequence[float],
-    law_scatter: bool,
 ) -> tuple[Source, ...]:
-    """List the shared errors of a known surface, then the additional ones of its candidates.
-
-    These are at arcs [deg]; `law_scatter` says whether the covariance of the contact law is known.
-    """
+    """List the shared errors of a known surface, then the additional ones of arcs [deg]."""
     stored = () if known is None else tuple(known.sources)
     _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
     size = next((source.size for source in stored if source.error == ARC), BEFORE[ARC].median)
-    every = stated_sources(stated, SURFACE, len(arcs), law_scatter=law_scatter)
+    every = stated_sources(stated, SURFACE, len(arcs))
     return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
 
 
@@ -137,10 +132,7 @@ USUAL_NOISE: Final = NoiseLaw()
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
-    """Fit (P6) to the squared standard errors of reduced runs, in relative misfits.
-
-    Raises `InputError` if no run has a standard error.
-    """
+    """Fit (P6) to the squared standard errors of reduced runs, in relative misfits."""
     squares = np.square(measured.mu_se / measured.mu)
     has_error = squares > 0.0
     if not has_error.any():
@@ -206,10 +198,7 @@ def simulate_candidates(
 
 
 def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
-    """Place knots in ln f from a lowest to a highest force [N/m].
-
-    The knots of a measured surface stay; further ones extend it at the spacing of its end nodes.
-    """
+    """Place knots in ln f between two forces [N/m], or extend those of a measured surface."""
     if measured is None:
         return np.linspace(np.log(low), np.log(high), count)
     nodes = np.log(measured.normal_force_N_m)

@@ -1,10 +1,9 @@
 """Refine a friction surface: find mu(f_N, v) for which the simulated rig matches the measurements.
 
 The published procedure assigns each measured coefficient to the mean force of Eq. (8), which has no
-peaks by bending where the belt enters and leaves the pulley. Here the rig is simulated (its sliding
-limit, with sensitivities), and Gauss–Newton finds the surface for which Eq. (6), applied to the
-simulated tensions, gives each measured coefficient. The data determine its smoothness and the other
-effects on friction (:mod:`beltid.refine.posterior`).
+peaks by bending where the belt enters and leaves the pulley. Here Gauss–Newton finds the surface
+for which Eq. (6), applied to the tensions of the simulated rig, gives each measured coefficient.
+The data determine its smoothness and the other effects on friction.
 
 An error e of the bench changes the surface by G de, with the gain G of the solution (implicit
 differentiation of least squares) and the change de of measured minus simulated ln mu: without a new
@@ -13,9 +12,10 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -30,7 +30,6 @@ from beltid.refine.posterior import (
     SCATTER,
     SHARED_ERRORS,
     Curves,
-    Effect,
     LinearRuns,
     Sizes,
     campaign_effects,
@@ -120,18 +119,17 @@ def refine_surface(
     simulated, or if the iteration does not converge.
     """
     n, notes = campaign.measured.mu.size, list[str]()
-    effects = campaign_effects(campaign.measured, reference_degC)
     try:
-        problem, first, fit = _solved(campaign, speeds, effects, MESHES[0])
+        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
     except ConvergenceError as error:
-        problem, first, fit = _solved(campaign, speeds, effects, MESHES[1])
+        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
         ratio = MESHES[1] / MESHES[0]
         notes.append(
             f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
         )
-    curves, posterior, q = problem.curves, fit.posterior, fit.coordinates.size
+    curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
-    told, left, runs = (np.zeros(0), np.zeros(0)), list(sources), fit.runs
+    told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
         at = curves.surfaces(parameters), problem.rig.speeds, fit.sweep.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
@@ -143,15 +141,25 @@ def refine_surface(
             share = min(1.0, math.hypot(told[0][k], told[1][k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
-    gain, by_effect, of_effects = runs.gain(posterior), [np.zeros((n, 0))], list[Source]()
+    gain, by_effect = runs.gain(posterior), [np.zeros((n, 0))]
     for effect in runs.effects:
         size = posterior.sizes[effect.key]
-        of_effects += effect_sources(effect.key, size, effect.columns.shape[1])
+        left += effect_sources(effect.key, size, effect.columns.shape[1])
         by_effect.append(size * effect.columns)
     shared = gain[:q] @ np.hstack([changes, *by_effect])
-    own = posterior.covariance[:q, :q] - shared[:, len(sources) :] @ shared[:, len(sources) :].T
+    of_effects = shared[:, len(sources) :]
+    own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    warnings, iterations = list[str](), first.iterations + fit.iterations
+    if not posterior.converged:
+        what = "the search for the sizes of noise and effects did not end"
+        warnings.append(f"{what}: the errors may be wrong")
+    if fit.still_changing > 0.0:
+        warnings.append(
+            f"no convergence in {iterations} iterations: last change of mu "
+            f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
+        )
     at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
     scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
     of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
@@ -160,11 +168,10 @@ def refine_surface(
         surface=surface,
         uncertainty=SurfaceUncertainty(
             surface=surface,
-            sources=(*left, *of_effects),
+            sources=left,
             changes=at_nodes,
             scatter=scatter,
             arcs_deg=campaign.measured.arcs_deg,
-            degrees_of_freedom=max(n - effective, 1.0),
         ),
         curves=curves,
         parameters=parameters,
@@ -177,35 +184,24 @@ def refine_surface(
         weight=fit.weight,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        iterations=first.iterations + fit.iterations,
+        iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
         notes=tuple(notes),
-        warnings=tuple(_not_converged(fit, first.iterations + fit.iterations)),
+        warnings=tuple(warnings),
     )
 
 
 def _solved(
-    campaign: Campaign, speeds: Array, effects: tuple[Effect, ...], finer: float
+    campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
 ) -> tuple[Problem, Fit, Fit]:
     """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    rig = RigRuns(campaign, speeds, finer)
-    first = Problem(rig, campaign.bench.surface, campaign.measured, effects)
-    near = first.solved(campaign.bench.surface)
-    start = first.tabulated(first.curves.B @ near.coordinates)
-    problem = Problem(rig, start, campaign.measured, effects)
-    return problem, near, problem.solved(start)
-
-
-def _not_converged(fit: Fit, iterations: int) -> Iterator[str]:
-    """Yield a sentence for each iteration that did not converge."""
-    if not fit.posterior.converged:
-        yield "the search for the sizes of noise and effects did not end: the errors may be wrong"
-    if fit.still_changing > 0.0:
-        yield (
-            f"no convergence in {iterations} iterations: last change of mu "
-            f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
-        )
+    rig, start = RigRuns(campaign, speeds, mesh), campaign.bench.surface
+    problem = Problem(rig, start, campaign.measured, reference_degC)
+    first = problem.solved(start)
+    start = problem.tabulated(problem.curves.B @ first.coordinates)
+    problem = Problem(rig, start, campaign.measured, reference_degC)
+    return problem, first, problem.solved(start)
 
 
 class Sweep(NamedTuple):
@@ -223,13 +219,14 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     n, m, k = rig.label.size, curves.log_speed.size, curves.log_force.size
     runs, J = rig.slide(curves.surfaces(parameters)), np.zeros((n, m, k))
     for i, run in enumerate(runs):
-        J[i, rig.label[i]] = run.weight @ curves.basis(np.log(run.force))
+        force, weight = run.look_ups()
+        J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
     by_speed: Array = np.zeros((m, k))
     if m > 1:
         by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
-    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
+    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
     return Sweep(tight, slack, log_mu, J.reshape(n, m * k), speed_slope)
 
@@ -238,10 +235,10 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     """Return line forces [N/m]: the lowest limits of both :data:`SHARES`, and the peak."""
     acting = []
     for run in rig.slide([start] * rig.speeds.size):
-        order = np.argsort(run.force)
-        share = np.cumsum(run.load[order])
-        limits = np.interp(SHARES, share / share[-1], run.force[order])
-        acting.append([*limits, run.force.max()])
+        force, _ = run.look_ups()
+        order = np.argsort(force)
+        share = np.cumsum(run.state.now[run.state.touching]["F_N"][order])
+        acting.append([*np.interp(SHARES, share / share[-1], force[order]), force.max()])
     lowest, low, peak = np.array(acting).T
     return float(lowest.min()), float(low.min()), float(peak.max())
 
@@ -264,18 +261,14 @@ class Problem:
     """The runs on the simulated rig and their measured values; knots where forces act."""
 
     def __init__(
-        self,
-        rig: RigRuns,
-        start: FrictionSurface,
-        measured: Measured,
-        effects: tuple[Effect, ...],
+        self, rig: RigRuns, start: FrictionSurface, measured: Measured, reference_degC: float | None
     ) -> None:
         lowest, low, high = acting_forces(rig, start)
         # as many knots as nodes over the surface, and more down to the lowest force
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
         n_below = math.ceil((inside[0] - np.log(lowest)) / gap)
         below = inside[0] - gap * np.arange(n_below, 0, -1)
-        self.rig, self.effects = rig, effects
+        self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
@@ -288,11 +281,7 @@ class Problem:
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
     def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
-        """Linearise the data about simulated runs.
-
-        `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
-        are chosen again.
-        """
+        """Linearise the data about simulated runs, of sensitivity `response` to effects (n,)."""
         effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
         y = self.log_mu - done.log_mu + done.J @ (self.curves.B @ at)
         parts = {name: done.J @ columns for name, columns in self.curves.parts.items()}
@@ -301,43 +290,35 @@ class Problem:
     def solved(self, start: FrictionSurface) -> Fit:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them.
 
-        Each step decreases the penalised misfit with its weights and sizes. They are chosen again
-        only if the linear model was just valid for a whole step, or if the misfit decreases no
-        further.
+        They are chosen again after a whole step, or if the misfit decreases no further.
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
-        residual, sizes, converged = np.zeros(self.log_mu.size), dict[str, float](), True
-        share, change, choices, iteration = 1.0, np.inf, 0, 0
-        try:
-            done = sweep(self.rig, self.curves, self.curves.B @ at)
-            before = done.log_mu
-            while iteration < MOST_ITERATIONS:
-                iteration += 1
-                fresh = choices < CHOICES and share in (0.0, 1.0)
-                if fresh:
-                    weight, response = _weights(residual), done.J.sum(axis=1)
-                    choices += 1
-                runs = self.linearised(done, at, weight, response)
-                posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
-                converged = posterior.converged if fresh else converged
-                sizes, last = posterior.sizes, choices == CHOICES
-                residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-                share, at, done, change, gain = self._descend(at, done, runs, posterior)
-                ended = share == 0.0 and gain <= NOTHING and (fresh or last)
-                change = 0.0 if ended else change
-                if ended or (share == 0.0 and last):
-                    break
-        except BeltidError as error:
-            raise ConvergenceError(
-                [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
-            ) from error
+        done = sweep(self.rig, self.curves, self.curves.B @ at)
+        before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
+        share, choices = 1.0, 0
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            fresh = choices < CHOICES and share in (0.0, 1.0)
+            if fresh:
+                weight, response = _weights(residual), done.J.sum(axis=1)
+                choices += 1
+            runs = self.linearised(done, at, weight, response)
+            if fresh:
+                posterior = runs.choose(sizes)
+            else:
+                posterior = replace(runs.model().at(sizes), converged=posterior.converged)
+            sizes, last = posterior.sizes, choices == CHOICES
+            residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
+            share, at, done, change, gain = self._descend(at, done, runs, posterior)
+            if share == 0.0 and gain <= NOTHING and (fresh or last):
+                return Fit(at, done, runs, posterior, weight, before, iteration)
+            if share == 0.0 and last:
+                break
         if change > NEARLY:
             raise ConvergenceError(
                 f"refined surface: no convergence in {iteration} iterations (last change of mu "
                 f"{100 * change:.2g} %)",
             )
-        posterior = replace(posterior, converged=converged)
         return Fit(at, done, runs, posterior, weight, before, iteration, change)
 
     def _descend(
@@ -355,19 +336,12 @@ class Problem:
             return 0.0, at, done, change, 0.0
         gain = runs.misfit(effect, step, sizes)
         initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
-        share = min(1.0, LARGEST_CHANGE / change)
-        for last in np.arange(HALVINGS) == HALVINGS - 1:
-            trial = at + share * step
-            try:
-                simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
-            except BeltidError:
-                if last:
-                    raise
-            else:
-                misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+        for share in min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS):
+            with contextlib.suppress(BeltidError):  # no sliding state so far away
+                trial = sweep(self.rig, self.curves, self.curves.B @ (at + share * step))
+                misfit = runs.misfit(self.log_mu - trial.log_mu, at + share * step, sizes)
                 if misfit <= initial - share * 2.0 * DECREASE * gain:
-                    return share, trial, simulated, change, gain
-            share *= 0.5
+                    return float(share), at + share * step, trial, change, gain
         return 0.0, at, done, change, gain
 
 
@@ -377,7 +351,6 @@ def _weights(misfit: Array) -> Array:
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
-TOGETHER: Final = "together"
 WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
@@ -389,9 +362,7 @@ LEAST_EVIDENCE: Final = math.log(20.0)
 class ShownEffect:
     """An effect of the campaign and its size for the reader."""
 
-    key: str
-    """Key of the effect; "scatter" for the friction from run to run, "together" for the change over
-    the campaign by run order and temperature if the runs cannot separate the two."""
+    key: str  # of the effect; "scatter" for the friction from run to run
     size: float
     """Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
     by 10 K; beside the steady change (root mean square); or the standard deviation of scatter."""
@@ -407,10 +378,7 @@ class ShownEffect:
 
     @property
     def is_large(self) -> bool:
-        """Whether it far exceeds its uncertainty and the error of the simulated rig.
-
-        An effect that force and speed explain may as well belong to the surface.
-        """
+        """Whether it far exceeds its uncertainty, and no surface explains it."""
         least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
         return abs(self.size) > least and not self.is_confounded
 
@@ -436,44 +404,27 @@ def unusual_effects(found: RefinedSurface) -> dict[str, float]:
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    response = found.runs.response[:, None]
-    effects = {effect.key: effect.columns / response for effect in found.runs.effects}
-    numbers, C = found.posterior.mean, found.covariance
-    unit = {key: np.eye(numbers.size)[found.posterior.model.places[key]] for key in effects}
-
-    def shown(key: str, rows: Array, arcs_deg: tuple[float, ...] = ()) -> ShownEffect:
-        """Return the root mean square of sums of the numbers, with the sign of a single one."""
-        size, variance = rows @ numbers, np.einsum("nk,kl,nl->n", rows, C, rows)
-        rms = float(size[0]) if size.size == 1 else float(np.sqrt(np.mean(np.square(size))))
-        return ShownEffect(key, rms, float(np.sqrt(np.mean(variance))), arcs_deg)
-
-    def weighed(effect: ShownEffect) -> ShownEffect:
-        """Add the share that the surface explains and, if it is large, the evidence for it."""
-        keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
-        if effect.key != ARC:
-            change = effects[keys[0]] @ (unit[keys[0]] @ numbers)
-            explained = found.runs.explained(found.runs.response * change, found.sizes)
-            effect = replace(effect, explained=explained)
-        if effect.is_large:  # this takes a search
-            effect = replace(effect, log_evidence=found.runs.log_evidence_for(keys))
-        return effect
-
-    effects_shown = []
+    columns = {e.key: e.columns / found.runs.response[:, None] for e in found.runs.effects}
+    mean, C, arcs_deg = found.posterior.mean, found.covariance, found.uncertainty.arcs_deg
+    unit = {key: np.eye(mean.size)[found.posterior.model.places[key]] for key in columns}
+    rows, arcs = dict[str, Array](), ()  # sums of the numbers whose root mean square is the size
     if ARC in unit:
-        arcs_deg = found.uncertainty.arcs_deg.tolist()
-        pairs = [
-            shown(ARC, (unit[ARC][high] - unit[ARC][low])[None], (arcs_deg[low], arcs_deg[high]))
-            for low, high in itertools.permutations(range(len(arcs_deg)), 2)
-        ]
-        effects_shown.append(weighed(max(pairs, key=lambda pair: pair.size / pair.uncertainty)))
-    effects_shown += [weighed(shown(k, unit[k])) for k in (ORDER, TEMPERATURE) if k in unit]
+        pairs = np.array(list(itertools.permutations(range(len(arcs_deg)), 2)))
+        apart = unit[ARC][pairs[:, 1]] - unit[ARC][pairs[:, 0]]
+        clearest = np.argmax(apart @ mean / np.sqrt(np.einsum("nk,kl,nl->n", apart, C, apart)))
+        rows[ARC], arcs = apart[clearest][None], tuple(arcs_deg[pairs[clearest]].tolist())
+    rows |= {key: unit[key] for key in (ORDER, TEMPERATURE) if key in unit}
     if COURSE in unit:
-        effects_shown.append(weighed(shown(COURSE, effects[COURSE] @ unit[COURSE])))
-    if ORDER in unit and TEMPERATURE in unit:
-        # add the effect of the temperature's linear trend over the campaign
-        order, temperature = effects[ORDER][:, 0], effects[TEMPERATURE][:, 0]
-        trend = np.polyfit(order, temperature, 1)[0]
-        both = weighed(shown(TOGETHER, unit[ORDER] + trend * unit[TEMPERATURE]))
-        if both.is_clear and not any(e.is_clear for e in effects_shown if e.key != ARC):
-            effects_shown.append(both)
-    return (*effects_shown, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
+        rows[COURSE] = columns[COURSE] @ unit[COURSE]
+    effects = list[ShownEffect]()
+    for key, of in rows.items():
+        sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
+        size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
+        effect = ShownEffect(key, size, u, arcs if key == ARC else ())
+        if key != ARC:
+            change = found.runs.response * (columns[key] @ (unit[key] @ mean))
+            effect = replace(effect, explained=found.runs.explained(change, found.sizes))
+        if effect.is_large:  # this takes a search
+            effect = replace(effect, log_evidence=found.runs.log_evidence_for(key))
+        effects.append(effect)
+    return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))

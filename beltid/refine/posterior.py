@@ -8,14 +8,13 @@ free levels and a free slope, a curve that all speeds share and differences in s
 
 with the effects Z_e of arcs, run order and temperature as factors on the whole surface, the
 standard error e of a run, its sensitivity r to a factor on the surface, and the scatter s_r of the
-friction. :mod:`beltid.mixed` finds the sizes. Errors that the runs share are no part of the
-estimate, or every trace of a model error would be taken for an error of the bench; what the runs
-say of them is found beside it, by the same model with these errors as one more term.
+friction. Errors that the runs share are no part of the estimate, or every trace of a model error
+would be taken for one of the bench; what the runs say of them is found beside it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -141,8 +140,7 @@ class Effect:
 def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
     """List the effects that the runs of a campaign can show, as factors on the surface.
 
-    An unknown temperature is set to the mean of the others. `reference_degC` is the temperature to
-    which the surface is corrected; None means that of the runs.
+    The surface is corrected to a reference temperature, if any; an unknown one is the mean.
     """
     priors = BEFORE if reference_degC is None else {**BEFORE, **IF_CORRECTED}
     n = measured.mu.size
@@ -209,7 +207,7 @@ class LinearRuns:
             starts += [{**dict.fromkeys(effects, SMALL), name: LARGE} for name in effects]
         return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
 
-    def log_evidence_for(self, keys: Collection[str]) -> float:
+    def log_evidence_for(self, *keys: str) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
 
         All sizes are chosen again without them, as others may explain the same.

@@ -34,18 +34,11 @@ from beltid.stages.inputs import (
 )
 from beltid.uncertainty.drive import (
     DriveUncertainty,
-    change_by_slower_friction,
     drive_uncertainty,
-    without_bending,
 )
-from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import (
-    BENDING,
     DRIVE,
     PRESS,
-    SLOWER,
-    Scatter,
-    Source,
     budget,
     stated_sources,
 )
@@ -73,7 +66,10 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
     # the most loaded point: of those with a steady state, if there is any
     steady = [run for run, result in good.items() if set(result.status) <= {ADHESION, FULL_SLIP}]
     heaviest = max(steady or good, key=lambda run: good[run].load)
-    uncertainty, sources = _uncertainty(config, drive, [points[run] for run in good], good, press)
+    given, n_pulleys = standard_uncertainties(config), len(drive.pulleys)
+    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n_pulleys)
+    at, results = [points[run] for run in good], list(good.values())
+    uncertainty = drive_uncertainty(drive, at, results, press, sources)
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
     of_string = [run for run, is_so in zip(good, uncertainty.by_string, strict=True) if is_so]
@@ -95,7 +91,7 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
             "slip_limits": _limits(simulator, points, good),
             "laid": _layout_rows(drive, next(iter(good.values()))),
             "installed": _installed(section, drive, points[heaviest]),
-            "budget": _budget(columns["speed_loss_rad_s"], sources, uncertainty),
+            "budget": _budget(columns["speed_loss_rad_s"], uncertainty),
         },
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
         set_aside=[{"run": run, "why": "; ".join(e.problems)} for run, e in failed.items()],
@@ -292,24 +288,6 @@ def _solved(
     return good, failed
 
 
-def _uncertainty(
-    config: Config, drive: Drive, points: Sequence[DrivePoint], good: Results, press: PressLaw
-) -> tuple[DriveUncertainty, tuple[Source, ...]]:
-    """Return the uncertainty of the speed losses and its sources."""
-    results = list(good.values())
-    given, n, law_scatter = standard_uncertainties(config), len(drive.pulleys), press.has_scatter
-    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n, law_scatter=law_scatter)
-    uncertainty = drive_uncertainty(drive, points, results, press, sources)
-    if config.drive.method == "string":
-        sources = (*sources, BENDING)
-        uncertainty = uncertainty.with_source(without_bending(results))
-    slower_friction = change_by_slower_friction(drive, points, results)
-    if slower_friction.any():
-        sources = (*sources, SLOWER)
-        uncertainty = uncertainty.with_source(slower_friction)
-    return uncertainty, sources
-
-
 def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     runs, rows = list(good), []
@@ -386,7 +364,7 @@ def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
     }
 
 
-def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncertainty) -> Rows:
+def _budget(loss: np.ndarray, uncertainty: DriveUncertainty) -> Rows:
     """Return the relative budget of the speed losses, over the pulleys with a significant loss."""
     changes, scatter = uncertainty.shared.reshape(loss.size, -1), uncertainty.surface.ravel()
     significant = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
@@ -394,8 +372,9 @@ def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncer
     if not significant.any():
         return []
     per_loss = 1.0 / loss[significant]
-    part = Scatter("friction surface", np.abs(scatter[significant] * per_loss))
-    return budget("speed loss", sources, changes[significant] * per_loss[:, None], part)
+    part = {"friction surface": np.abs(scatter[significant] * per_loss)}
+    relative = changes[significant] * per_loss[:, None]
+    return budget("speed loss", uncertainty.sources, relative, part)
 
 
 def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:

@@ -82,10 +82,10 @@ def planned(
         notes.append("no data: contact law of the paper's 5PK belt")
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     arcs_deg = [float(np.degrees(point.beta)) for point in points]
-    sources = sources_of_plan(known, stated, arcs_deg, press.has_scatter)
+    sources = sources_of_plan(known, stated, arcs_deg)
     if known is None:
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
-    elif other := known.stated_otherwise(stated, press.has_scatter):
+    elif other := known.stated_otherwise(stated):
         notes.append(f"used as stated when the surface was made: {', '.join(other)}")
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
     if noise_of is None:

@@ -342,8 +342,7 @@ def _uncertainty(
 ) -> tuple[RunsUncertainty | None, list[str]]:
     """Return the uncertainty of simulated runs; a note if it stays unknown."""
     numbers, arcs = numbered_arcs([run.arc_deg for run in good], stored.get("arcs_deg", ()))
-    given, law_scatter = standard_uncertainties(config), press.has_scatter
-    stated = stated_sources(given, SURFACE, len(arcs), law_scatter=law_scatter)
+    stated = stated_sources(standard_uncertainties(config), SURFACE, len(arcs))
     sources = with_sources(sources_of(stored.get("sources", ())), stated)
     points, kind, calls = [run.point for run in good], rig_kind(config), []
     tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in good.values()]).T

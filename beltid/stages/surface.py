@@ -22,7 +22,6 @@ from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
-    TOGETHER,
     RefinedSurface,
     ShownEffect,
     contradictions,
@@ -82,10 +81,6 @@ EFFECTS: Final = {
         "temperature, per 10 K",
         "the surface holds for the mean of the runs, unless friction.correct_temperature: true",
     ),
-    TOGETHER: (
-        "order or temperature, over the campaign",
-        "the temperature rises with the order of the runs",
-    ),
     SCATTER: ("scatter from run to run", ""),
 }
 """Effect in the runs -> its name, and what it may be or what it means for the surface."""
@@ -134,9 +129,8 @@ def published(
 
 def published_from(columns: Columns, rows: np.ndarray) -> SurfaceResult:
     """Build the surface of some runs."""
-    se = own_errors(columns)
     arcs, force, speed, mu = (columns[name][rows] for name in MEASURED)
-    return build_surface(arcs, force, speed, mu, None if se is None else se[rows])
+    return build_surface(arcs, force, speed, mu, own_errors(columns)[rows])
 
 
 def rows_of_one(columns: Columns, rows: np.ndarray, chosen: Mapping[str, str | None]) -> np.ndarray:
@@ -266,8 +260,7 @@ def refined(
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
     n_arcs = int(measured.arc.max()) + 1
-    given, law_scatter = standard_uncertainties(config), press.has_scatter
-    stated = stated_sources(given, SURFACE, n_arcs, law_scatter=law_scatter)
+    stated = stated_sources(standard_uncertainties(config), SURFACE, n_arcs)
     shared = (*stated, *reduction_sources(measured.columns))
     calls = [(campaign, speeds, shared, reference)]
     (found,) = (workers or Workers()).run(refine_surface, calls)

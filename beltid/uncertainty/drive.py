@@ -21,13 +21,14 @@ from beltid.drive.results import ADHESION, DriveResult
 from beltid.drive.simulator import Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import Errors, Source, factor_of
+from beltid.uncertainty.sources import BENDING, SLOWER, Errors, Source, factor_of
 
 Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
+Input = tuple[Drive, Sequence[DrivePoint]]
 
-METHODS: Final[tuple[Method, ...]] = ("rod", "string")
 SURFACE_VARIANCE: Final = 0.999
 """Share of the variance of ln mu, over all nodes, of the changes of a surface that are solved."""
 
@@ -36,15 +37,12 @@ SURFACE_VARIANCE: Final = 0.999
 class DriveUncertainty:
     """Changes of the speed losses [rad/s] by one standard uncertainty of each input."""
 
-    shared: Array  # change by each of the K sources, with its sign, (n_points, n_pulleys, K)
+    sources: tuple[Source, ...]  # what is not known of the inputs, and of the model
+    shared: Array  # change by each of them, with its sign, (n_points, n_pulleys, K)
     surface: Array  # by the friction surface; 0 if it has no covariance, (n_points, n_pulleys)
     by_string: NDArray[np.bool_]
     """Points in full slip whose rods have no steady state with one of the errors; their changes
     come from the string model, (n_points,)."""
-
-    def with_source(self, change: Array) -> DriveUncertainty:
-        """Append the change (n_points, n_pulleys) by one more source."""
-        return replace(self, shared=np.concatenate([self.shared, change[..., None]], axis=-1))
 
     @property
     def combined(self) -> Array:
@@ -63,26 +61,54 @@ def drive_uncertainty(
 
     `results` are those of the points by string or rod, `press` the contact law of the drive and its
     fit to the press, `sources` what can be stated of a drive. A surface with a covariance adds its
-    part.
+    part, a string what it does not bend. Friction below the measured speeds stays as at the slowest
+    one, or continues with its whole trend: the limits of a uniform distribution, (D14), with the
+    sign of the change from the first to the second.
     """
     strings = _solved(drive, points, "string", [None] * len(points))
-    both = zip(results, strings, strict=True)
-    at = [i for i, (r, s) in enumerate(both) if r.state.rods and not (_sticks(r) and _sticks(s))]
-    by_string, rods = np.zeros(len(points), dtype=bool), [results[i] for i in at]
-    losses, of_rods = _losses(drive, strings), _losses(drive, rods)
+    rods = [i for i, result in enumerate(results) if result.state.rods]
+    slipping = [i for i in rods if not (_sticks(results[i]) and _sticks(strings[i]))]
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
-    changes = np.zeros((len(points), len(drive.pulleys), len(inputs)))
-    for k, (other, moved) in enumerate(inputs):
-        changes[..., k] = _losses(other, _solved(other, moved, "string", strings)) - losses
-        if at:
-            by_rods = _solved(other, [moved[i] for i in at], "rod", rods)
-            change = _losses(other, by_rods) - of_rods
-            is_solved = np.isfinite(change)
-            by_string[at] |= ~is_solved.all(axis=1)
-            changes[at, :, k] = np.where(is_solved, change, changes[at, :, k])
+    changes, by_string = _changes(drive, inputs, results, strings, slipping)
     shared, by_surface = np.split(changes, [len(sources)], axis=-1)
-    return DriveUncertainty(shared, np.linalg.norm(by_surface, axis=-1), by_string)
+    of_model = dict[Source, Array]()
+    if not rods:
+        of_model[BENDING] = without_bending(results)
+    limits = [replace(drive, slow_trend=share) for share in (0.0, 1.0)]
+    if limits[0].friction is not limits[1].friction:
+        ends, _ = _changes(drive, [(limit, points) for limit in limits], results, strings, rods)
+        of_model[SLOWER] = (ends[..., 1] - ends[..., 0]) / math.sqrt(12.0)
+    return DriveUncertainty(
+        (*sources, *of_model),
+        np.concatenate([shared, *(change[..., None] for change in of_model.values())], axis=-1),
+        np.linalg.norm(by_surface, axis=-1),
+        by_string,
+    )
+
+
+def _changes(
+    drive: Drive,
+    inputs: Sequence[Input],
+    results: Sequence[DriveResult],
+    strings: Results,
+    by_rod: Sequence[int],
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Compute changes (n_points, n_pulleys, K) by strings, or by rods where these can be solved.
+
+    Rods are tried at the points `by_rod`; then, where one of them has no steady state (n_points,).
+    """
+    changes = np.zeros((len(strings), len(drive.pulleys), len(inputs)))
+    fails, near = np.zeros(len(strings), dtype=bool), [results[i] for i in by_rod]
+    for k, (other, moved) in enumerate(inputs):
+        change = _losses(_solved(other, moved, "string", strings), drive) - _losses(strings, drive)
+        if near:
+            rods = _solved(other, [moved[i] for i in by_rod], "rod", near)
+            of_rods = _losses(rods, drive) - _losses(near, drive)
+            change[by_rod] = np.where(np.isfinite(of_rods), of_rods, change[by_rod])
+            fails[by_rod] |= ~np.isfinite(of_rods).all(axis=1)
+        changes[..., k] = change
+    return changes, fails
 
 
 def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
@@ -95,30 +121,6 @@ def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
     kept = changes[:, : 1 + int(np.searchsorted(variance, SURFACE_VARIANCE * variance[-1]))]
     f, v, mu = surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes
     return [FrictionSurface(f, v, mu * np.exp(change.reshape(mu.shape))) for change in kept.T]
-
-
-def change_by_slower_friction(
-    drive: Drive, points: Sequence[DrivePoint], results: Sequence[DriveResult]
-) -> Array:
-    """Compute the uncertainty of the losses from friction below the measured speeds [rad/s].
-
-    Two limits bound a uniform distribution, (D14): friction stays as at the slowest measured speed,
-    or continues with its whole trend. With the sign of the change from the first to the second
-    limit, (n_points, n_pulleys); nan where neither rod nor string has a steady state at a limit.
-    """
-    limits = [replace(drive, slow_trend=share) for share in (0.0, 1.0)]
-    change = np.full((len(points), len(drive.pulleys)), np.nan)
-    if limits[0].friction is limits[1].friction:
-        return np.zeros_like(change)
-    for method in METHODS:
-        is_open, by_rod = ~np.isfinite(change).all(axis=1), method == "rod"
-        at = [i for i, r in enumerate(results) if is_open[i] and (r.state.rods or not by_rod)]
-        near = [results[i] if by_rod else None for i in at]
-        if at:
-            some = [points[i] for i in at]
-            low, high = (_losses(of, _solved(of, some, method, near)) for of in limits)
-            change[at] = (high - low) / math.sqrt(12.0)
-    return change
 
 
 def without_bending(results: Sequence[DriveResult]) -> Array:
@@ -159,7 +161,7 @@ def _solved(
     return solved
 
 
-def _losses(drive: Drive, results: Results) -> Array:
+def _losses(results: Results, drive: Drive) -> Array:
     """Return the speed losses [rad/s], (n_points, n_pulleys); nan without a steady state."""
     unknown = np.full(len(drive.pulleys), np.nan)
     return np.array([unknown if r is None else r.speeds["speed_loss_rad_s"] for r in results])
@@ -180,7 +182,7 @@ def with_errors(
         for i, pulley in enumerate(drive.pulleys)
     )
     belt = drive.belt._replace(EA=drive.belt.EA * (1.0 + errors.at("axial_stiffness")))
-    law = None if drive.law is None else press.corrected(errors)
+    law = None if drive.law is None else NormalLaw(*press.coefficients(errors).tolist())
     tension, torque = 1.0 + errors.at("initial_tension"), 1.0 + errors.at("torque")
     moved = [replace(point.scaled(torque), T_0=point.T_0 * tension) for point in points]
     return replace(drive, belt=belt, law=law, pulleys=pulleys), moved

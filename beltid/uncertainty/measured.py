@@ -6,7 +6,6 @@ the moved node and shifted back along the slope of the surface.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -20,6 +19,7 @@ from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
 from beltid.identify.surface.surface import Points, SurfaceGrid, grid_through
 from beltid.laws.capstan import (
+    friction_coefficient,
     hub_force,
     mean_normal_force,
     sliding_speed,
@@ -36,7 +36,6 @@ from beltid.uncertainty.sources import (
     REDUCTION_SOURCES,
     RIG,
     Errors,
-    Scatter,
     Source,
     StandardUncertainties,
     SurfaceUncertainty,
@@ -60,11 +59,6 @@ class PressLaw:
     max_penetration_m: float  # deepest penetration of the fit
     segment_length_m: float  # length of belt under the press
 
-    @property
-    def has_scatter(self) -> bool:
-        """Whether the covariance is known."""
-        return bool(np.any(self.covariance != 0.0))
-
     def coefficients(self, errors: Errors) -> Array:
         """Return the coefficients (2,) with errors corrected; negative ones become zero.
 
@@ -79,10 +73,6 @@ class PressLaw:
         travel = 1.0 + errors.at("press_displacement")
         corrected = k * force / np.array([travel, travel**2])
         return np.asarray(np.maximum(corrected, 0.0))
-
-    def corrected(self, errors: Errors) -> NormalLaw:
-        """Return the law with errors corrected."""
-        return NormalLaw(*self.coefficients(errors).tolist())
 
     def _per_compliance(self) -> Array:
         """Return the change of the coefficients (2,) per corrected compliance [m/N].
@@ -116,8 +106,7 @@ class Measured:
     omega: Array  # speed of the pulley [rad/s]
     tight: Array  # tensions while sliding [N]
     slack: Array
-    mu: Array  # sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-]
-    mu_se: Array
+    mu_se: Array  # standard error of the sliding coefficient by the scatter of the run [-]
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Change of ln mu of each run per unit of a shared error to which each run has its own
     sensitivity: key of the source -> a column per place, (n, places)."""
@@ -133,6 +122,11 @@ class Measured:
     def arcs_deg(self) -> Array:
         """Contact arc of each setting, in the order of their numbers [deg]."""
         return np.degrees(np.bincount(self.arc, self.beta) / np.bincount(self.arc))
+
+    @property
+    def mu(self) -> Array:
+        """Sliding coefficient, Eq. (6) [-]."""
+        return friction_coefficient(self.tight, self.slack, self.beta)
 
     @property
     def normal_force(self) -> Array:
@@ -165,7 +159,6 @@ class Measured:
                 f"an arc itself (lowest tension {np.min(self.slack):.3g} N, shortest arc "
                 f"{np.degrees(np.min(self.beta)):.3g} deg), must be much smaller"
             )
-        log_ratio = self.mu * self.beta + np.log(tight / self.tight) - np.log(slack / self.slack)
         corrected = replace(
             self,
             R=self.R * (1.0 + errors.at("pulley_radius")),
@@ -174,7 +167,6 @@ class Measured:
             omega=self.omega * (1.0 + errors.at("pulley_speed")),
             tight=tight,
             slack=slack,
-            mu=log_ratio / beta,
         )
         change = np.zeros(self.mu.size)
         for key, columns in self.columns.items():
@@ -194,7 +186,7 @@ class Measured:
             tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
             tight = self.tight * np.exp(tight_share * rise)
             slack = self.slack * np.exp((tight_share - 1.0) * rise)
-        return replace(self, mu=self.mu * np.exp(change), tight=tight, slack=slack)
+        return replace(self, tight=tight, slack=slack)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
         """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
@@ -261,8 +253,7 @@ def measured_runs(
 
     n = len(rows)
     arc_deg, f, v, mu = map(known, POSITIVE)
-    own = own_errors(columns)
-    errors = np.full(n, np.nan) if own is None else own[rows]
+    errors = own_errors(columns)[rows]
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
     beta = np.radians(arc_deg)
     log_ratio = mu * beta
@@ -279,7 +270,6 @@ def measured_runs(
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
-        mu=mu,
         mu_se=np.where(np.isfinite(errors), errors, typical),
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
         order=np.asarray(rows, dtype=np.intp),
@@ -297,14 +287,13 @@ def shared_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {key: np.where(np.isfinite(values), values, 0.0) for key, values in shared.items()}
 
 
-def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return standard errors of mu (n,) without shared errors; None if the table has none.
+def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return standard errors of mu (n,) without shared errors; nan if the table has none.
 
     The column ``mu_sliding_se`` is the total: the run's own part and shared parts add in squares.
     """
-    if "mu_sliding_se" not in columns:
-        return None
-    whole, mu = (np.asarray(columns[key], float) for key in ("mu_sliding_se", "mu_sliding"))
+    mu = np.asarray(columns["mu_sliding"], float)
+    whole = np.asarray(columns.get("mu_sliding_se", np.full(mu.size, np.nan)), float)
     shared = sum(np.square(mu * share) for share in shared_columns(columns).values())
     return np.asarray(np.sqrt(np.maximum(np.square(whole) - shared, 0.0)))
 
@@ -313,13 +302,11 @@ def numbered_arcs(
     arcs_deg: Sequence[float] | np.ndarray, known_deg: Sequence[float] | np.ndarray
 ) -> tuple[NDArray[np.intp], list[float]]:
     """Return the number of each arc (n,), and all arcs [deg]: new ones follow the known ones."""
-    all_arcs = [float(arc) for arc in known_deg]
-    numbers = []
+    all_arcs, numbers = [float(arc) for arc in known_deg], []
     for arc in arcs_deg:
-        near = [k for k, other in enumerate(all_arcs) if math.isclose(arc, other, rel_tol=ARC_GAP)]
-        numbers.append(near[0] if near else len(all_arcs))
-        if not near:
-            all_arcs.append(float(arc))
+        near = np.flatnonzero(np.isclose(all_arcs, arc, rtol=ARC_GAP, atol=0.0))
+        numbers.append(near[0] if near.size else len(all_arcs))
+        all_arcs += [] if near.size else [float(arc)]
     return np.array(numbers, dtype=np.intp), all_arcs
 
 
@@ -400,13 +387,13 @@ def friction_uncertainty(
         corrected = measured.corrected(errors)
         return np.stack([corrected.mu, corrected.normal_force])
 
-    changes, scatter = changes_by(sources, of_runs), measured.mu_se / measured.mu
     values = measured.mu, measured.normal_force
-    for value, change, (quantity, name) in zip(values, changes, QUANTITIES.items(), strict=True):
+    scatter = measured.mu_se / measured.mu, np.zeros(rows.size)
+    every = zip(QUANTITIES.items(), values, changes_by(sources, of_runs), scatter, strict=True)
+    for (quantity, name), value, change, own in every:
         relative = change / value[:, None]
-        own = scatter if quantity == "mu_sliding" else 0.0 * scatter
         u[name][rows] = value * np.hypot(np.linalg.norm(relative, axis=1), own)
-        lines += budget(quantity, sources, relative, Scatter("scatter of the samples", own))
+        lines += budget(quantity, sources, relative, {"scatter of the samples": own})
     return u, lines
 
 
@@ -427,8 +414,7 @@ def stiffness_uncertainty(
         changes.append(changes_by(sources, PressLaw(NormalLaw(*of_law), *fit).coefficients))
     relative = np.array(changes) / size[..., None]
     u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []
-    freedom = max(laws[-1].n_effective - 2.0 - len(laws[-1].contact_m), 1.0)
     for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):
-        part = Scatter("scatter of the press curves", scatter[-1:, j], freedom)
+        part = {"scatter of the press curves": scatter[-1:, j]}
         rows += budget(name, sources, relative[-1:, j], part)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

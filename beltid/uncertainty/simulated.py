@@ -1,15 +1,12 @@
 """Runs on the simulated rig, their derivatives, and the uncertainty of what they say.
 
 The belt of each run is laid on the pulley once; the run then slides with many surfaces (sliding
-limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) with respect to
-mu at every place where the belt looks it up, and so with respect to any parameter of the surface.
-The derivatives by the inputs of the rig come from one more simulation for each input. This is the
-only module of the rooms ``uncertainty``, ``refine`` and ``plan`` that calls the rig.
+limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) by mu at every
+place where the belt looks it up; those by the inputs of the rig take one more simulation each.
 
-An error of the bench acts on the measured values and on the inputs of the simulation (the surface
-built from the same bench; arc, tension, radius, stiffnesses), and may cancel in their difference.
-Therefore the changes of the simulated ln mu and of the difference are kept by source, with their
-signs. The comparison error of simulation and experiment says something about the model only beyond
+An error of the bench acts on the measured values and on the inputs of the simulation, and may
+cancel in their difference. So the changes of the simulated ln mu and of the difference are kept by
+source, with their signs. A comparison says something about the model only beyond
 
     u_val² = u_num² + u_input² + u_D²
 
@@ -21,7 +18,7 @@ the bench missed and the simulation did not is a known error without correction:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, NamedTuple, Self
 
@@ -40,9 +37,7 @@ from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
-    NO_ERRORS,
     Errors,
-    Scatter,
     Source,
     budget,
     changes_by,
@@ -68,19 +63,15 @@ class Campaign:
     bench: Bench  # belt, rig, and the surface that the inverse solution starts from
     press: PressLaw  # the contact law and its fit to the press
 
-    def inputs(self, runs: Measured, errors: Errors = NO_ERRORS) -> Array:
-        """Return `INPUTS` of the simulated rig for its runs, with errors of the bench corrected.
-
-        `runs` are those that were measured, with the same errors corrected, (n, 8).
-        """
-        belt, law = self.bench.belt, self.press.corrected(errors)
+    def inputs(self, runs: Measured, errors: Errors) -> Array:
+        """Return `INPUTS` of the simulated rig (n, 8) for runs with the same errors corrected."""
+        belt = self.bench.belt
         shared = (
             runs.R,
             self.bench.rig.span + errors.at("span_length"),
             belt.EI * (1.0 + errors.at("bending_stiffness")),
             belt.EA * (1.0 + errors.at("axial_stiffness")),
-            law.k_linear_N_m2,
-            law.k_quadratic_N_m3,
+            *self.press.coefficients(errors),
         )
         same = np.broadcast_to(shared, (runs.mu.size, len(shared)))
         return np.column_stack([runs.beta, runs.T_0, same])
@@ -93,26 +84,32 @@ def simulated_runs(
     kind: RigKind,
     tensions: Array | tuple[Array, Array] | None = None,
 ) -> Measured:
-    """Return simulated runs as if their tight and slack tensions had been measured exactly.
-
-    Without `tensions` they are those at rest.
-    """
+    """Return simulated runs as if their tensions, or those at rest, had been measured exactly."""
     beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
     tight, slack = (T_0, T_0) if tensions is None else tensions
-    mu, given = friction_coefficient(tight, slack, beta), bench.rig.given_force
-    settings = bench.rig.R, arc, beta, T_0, omega
-    return Measured(*settings, tight, slack, mu, np.zeros(mu.size), kind=kind, given_force=given)
+    settings, given = (bench.rig.R, arc, beta, T_0, omega), bench.rig.given_force
+    return Measured(*settings, tight, slack, np.zeros(T_0.size), kind=kind, given_force=given)
 
 
 class Sliding(NamedTuple):
     """The sliding limit of a run."""
 
-    tight: float  # tensions [N]
-    slack: float
-    mu: float  # by Eq. (6)
-    force: Array  # line forces at which the belt looks up its friction [N/m], (m,)
-    load: Array  # normal loads on which this friction acts [N], (m,)
-    weight: Array  # derivatives of ln mu with respect to ln mu of each look-up, (m,)
+    model: RigModel  # its rig, with the surface
+    state: State  # tensions T_A (tight) and T_B (slack) [N], contact points
+    surface: FrictionSurface
+
+    @property
+    def mu(self) -> float:
+        """Coefficient by Eq. (6)."""
+        tensions = self.state.T_A, self.state.T_B
+        return float(friction_coefficient(*tensions, self.model.point.beta))
+
+    def look_ups(self) -> tuple[Array, Array]:
+        """Return line forces [N/m] where mu is looked up, and d ln mu of the run by ln mu there."""
+        point, state = self.model.point, self.state
+        force, tight, slack = tension_sensitivity(self.model, state)
+        per_mu = (tight / state.T_A - slack / state.T_B) / (point.beta * self.mu)
+        return force, per_mu * self.surface.mu(force, point.omega * self.model.path.R)
 
 
 class RigRuns:
@@ -132,8 +129,8 @@ class RigRuns:
         inputs: Array | None = None,
     ) -> None:
         bench, runs = campaign.bench, campaign.measured
-        inputs = campaign.inputs(runs) if inputs is None else inputs
-        self.beta, self.speeds = inputs[:, 0], np.asarray(speeds, dtype=float)
+        inputs = campaign.inputs(runs, Errors()) if inputs is None else inputs
+        self.speeds = np.asarray(speeds, dtype=float)
         self.label = np.argmin(np.abs(np.log(runs.slip_speed[:, None] / self.speeds)), axis=1)
         self.off_speed = np.log(runs.slip_speed / self.speeds[self.label])
         self.models: list[RigModel] = []
@@ -149,34 +146,17 @@ class RigRuns:
         self._laid = [lay_on(model) for model in self.models]
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
-        """Compute every run with the surface of its speed, with derivatives by the friction.
-
-        Raises `ConvergenceError` if a run has no sliding state.
-        """
+        """Compute every run with the surface of its speed."""
         runs = []
-        for model, state, surface in self._states(surfaces):
-            beta, speed = model.point.beta, model.point.omega * model.path.R
-            mu = float(friction_coefficient(state.T_A, state.T_B, beta))
-            force, tight, slack = tension_sensitivity(model, state)
-            per_mu = tight / state.T_A - slack / state.T_B
-            weight = per_mu / (beta * mu) * surface.mu(force, speed)
-            load = state.now[state.touching]["F_N"]
-            runs.append(Sliding(state.T_A, state.T_B, mu, force, load, weight))
+        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
+            run = model.with_surface(surfaces[j])
+            runs.append(Sliding(run, slide(run, laid), surfaces[j]))
         return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
         """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
-        tensions = [(state.T_A, state.T_B) for _, state, _ in self._states(surfaces)]
-        tight, slack = np.array(tensions).T
-        mu = friction_coefficient(tight, slack, self.beta)
-        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
-
-    def _states(
-        self, surfaces: Sequence[FrictionSurface]
-    ) -> Iterator[tuple[RigModel, State, FrictionSurface]]:
-        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
-            run = model.with_surface(surfaces[j])
-            yield run, slide(run, laid), surfaces[j]
+        log_mu = np.log([run.mu for run in self.slide(surfaces)])
+        return np.asarray(log_mu + self.off_speed * speed_slope)
 
 
 def residual_changes(
@@ -194,7 +174,7 @@ def residual_changes(
     `INPUTS` (n, 8), zero if these are `exact`.
     """
     before, slopes = campaign.measured, np.zeros((campaign.measured.mu.size, len(INPUTS)))
-    inputs = campaign.inputs(before)
+    inputs = campaign.inputs(before, Errors())
     if not exact:
         rig, steps = RigRuns(campaign, speeds, MESH), 1.0 + STEP * np.eye(len(INPUTS))
         nominal = rig.log_mu(surfaces, speed_slope)
@@ -242,13 +222,13 @@ class RunsUncertainty:
         """Join groups of runs, whose sources may differ, under the labels of all runs."""
         sources = dict[tuple[str, int], Source]()
         for source in (source for part in parts for source in part.sources):
-            sources.setdefault((source.error, source.place), source)
+            sources.setdefault(source.key, source)
         places = {key: k for k, key in enumerate(sources)}
         arrays = {name: [getattr(part, name) for part in parts] for name in (*ARRAYS, "mu")}
         for name in ("simulated", "difference"):
             for k, part in enumerate(parts):
                 aligned = np.zeros((len(arrays[name][k]), len(places)))
-                aligned[:, [places[s.error, s.place] for s in part.sources]] = arrays[name][k]
+                aligned[:, [places[source.key] for source in part.sources]] = arrays[name][k]
                 arrays[name][k] = aligned
         joined = {name: np.concatenate(values) for name, values in arrays.items()}
         return cls(tuple(sources.values()), tuple(runs), **joined)
@@ -292,18 +272,17 @@ def simulated_uncertainty(
     surfaces = [surface] * speeds.size
     rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
     runs = rig.slide(surfaces)
-    by_surface, scatter, speed_slope = np.zeros((n, len(sources))), np.zeros(n), np.zeros(n)
+    by_surface, scatter, speed_slope, response = np.zeros((n, len(sources))), *np.zeros((3, n))
     for i, run in enumerate(runs):
-        v = float(speeds[rig.label[i]])
-        shared, scatter[i] = _of_surface(surface, run.force, v, run.weight)
+        v, (force, weight) = float(speeds[rig.label[i]]), run.look_ups()
+        shared, scatter[i] = _of_surface(surface, force, v, weight)
         by_surface[i, : shared.size] = shared
-        _, per_v = surface.gradient(run.force, v)
-        speed_slope[i] = float(run.weight @ (per_v * v / surface.mu(run.force, v)))
-    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
-    response = np.array([run.weight.sum() for run in runs])
+        speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
+        response[i] = weight.sum()
+    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     arc = campaign.measured.arc
     by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
-    measured = replace(campaign.measured, tight=tight, slack=slack, mu=mu, columns=by_arc)
+    measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
     campaign = replace(campaign, measured=measured)
@@ -371,18 +350,16 @@ def validated(
     """
     of_measured, of_simulated = result.rows
     mu = result.columns["mu_measured"]
-    none = np.zeros(mu.size)
+    none, labels = np.zeros(mu.size), [str(simulated["run"][i]) for i in of_simulated]
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
         return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
-    own, shared = own_errors(measured), shared_columns(measured)
-    whole = column(measured, "mu_sliding_u", of_measured) / mu
-    of_runs = column(measured, "mu_sliding_se", of_measured) / mu
-    whole = np.where(whole > 0.0, whole, of_runs)
-    of_runs = of_runs if own is None else np.nan_to_num(own[of_measured]) / mu
-    labels = [str(simulated["run"][i]) for i in of_simulated]
+    whole = column(measured, "mu_sliding_u", of_measured)
+    whole = np.where(whole > 0.0, whole, column(measured, "mu_sliding_se", of_measured)) / mu
+    of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
+    shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
     is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
     if uncertainty is None or not is_known:
         shared, of_runs, nothing = {}, whole, np.zeros((mu.size, 0))
@@ -394,12 +371,9 @@ def validated(
     present = {source.error for source in uncertainty.sources}
     added = [source for source in reduction_sources(shared) if source.error not in present]
     sources = (*uncertainty.sources, *added)
-    of_reduction = [shared[s.error][of_measured] if s.error in shared else none for s in sources]
-    inputs, both = (
-        np.vstack([changes[rows].T, np.zeros((len(added), mu.size))])
-        for changes in (uncertainty.simulated, uncertainty.difference)
-    )
-    difference = both - np.reshape(of_reduction, both.shape)
+    difference = np.hstack([uncertainty.difference[rows], np.zeros((mu.size, len(added)))])
+    for k, source in enumerate(sources):
+        difference[:, k] -= shared.get(source.error, none)
     missed = none
     for slope, names in zip(uncertainty.by_setting[rows].T, SETTINGS, strict=True):
         actual = np.abs(column(measured, names[0], of_measured))
@@ -408,9 +382,9 @@ def validated(
         ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
         missed = missed + slope * np.log(ratio)
     of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
-    scatters = of_runs, of_surface, numerical, np.abs(missed)
-    u_validation = np.linalg.norm([*scatters, *difference], axis=0)
-    u_input = np.linalg.norm([of_surface, missed, *inputs], axis=0)
+    parts = dict(zip(SCATTERS, (of_runs, of_surface, numerical, np.abs(missed)), strict=True))
+    u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
     result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
     rms = result.rms_error_over_uncertainty
     columns = {
@@ -426,7 +400,7 @@ def validated(
         "rms_e_over_u": rms if np.isfinite(rms) else None,
         "inputs_known": is_known,
     }
-    lines = budget("difference", sources, difference.T, *map(Scatter, SCATTERS, scatters))
+    lines = budget("difference", sources, difference, parts)
     return result, columns, lines, facts, () if is_known else (UNKNOWN,)
 
 

@@ -113,28 +113,27 @@ class Source:
     """"stated" in the config, "assumed" (default of the config), or "fitted" to the data."""
 
     @property
+    def key(self) -> tuple[str, int]:
+        """Which error it is, in :class:`Errors`."""
+        return self.error, self.place
+
+    @property
     def shown(self) -> float:
         """Standard uncertainty in the unit for display."""
         return self.size / self.per_unit
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
+class Errors(dict[tuple[str, int], float]):
     """One realisation of all errors, by key and place of the source; the others are zero."""
-
-    values: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     def at(self, error: str, place: int = 0) -> float:
         """Return the error of one source."""
-        return self.values.get((error, place), 0.0)
+        return self.get((error, place), 0.0)
 
     @classmethod
     def single(cls, source: Source) -> Errors:
         """Return errors with one source wrong by its standard uncertainty and no others."""
-        return cls({(source.error, source.place): source.size})
-
-
-NO_ERRORS: Final = Errors()
+        return cls({source.key: source.size})
 
 
 def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> Array:
@@ -143,7 +142,7 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
     `result` returns it with errors corrected. With their signs: correlations follow from products
     of the columns.
     """
-    nominal = np.asarray(result(NO_ERRORS))
+    nominal = np.asarray(result(Errors()))
     columns = [result(Errors.single(source)) - nominal for source in sources]
     return np.stack([*columns, nominal], axis=-1)[..., :-1]
 
@@ -158,18 +157,16 @@ def stated_sources(
     results: Sequence[str],
     n_arcs: int = 0,
     n_pulleys: int = 0,
-    law_scatter: bool = False,
 ) -> tuple[Source, ...]:
     """List the errors that change some results, in the order of the results.
 
-    With `law_scatter`, the covariance of the contact law is known: all runs use the same law, so
-    that its scatter is an error that they share. The places of ``drive_centres`` are the abscissae
-    of all pulleys, then their ordinates.
+    All runs use the same contact law, so that its scatter is an error that they share. The places
+    of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
     """
     counts = {ARCS: n_arcs, PULLEYS: n_pulleys, COORDINATES: 2 * n_pulleys}
     sources = []
     for result in results:
-        if result == PRESS and law_scatter:
+        if result == PRESS:
             sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
         for kind in KINDS:
             if result in kind.results and (size := u[kind.error]) > 0.0:
@@ -195,8 +192,7 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
     """Return the sources of an effect; `size` is the standard deviation that the runs show."""
-    places = range(count if size > 0.0 else 0)
-    return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in places)
+    return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in range(count))
 
 
 def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
@@ -206,71 +202,54 @@ def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
 
 def with_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
     """Return the sources stored with a surface, then the given ones that it lacks."""
-    there = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in given if (s.error, s.place) not in there))
+    there = {source.key for source in stored}
+    return (*stored, *(source for source in given if source.key not in there))
 
 
 LEAST_PERCENT = 1.0e-6
 
 
-class Scatter(NamedTuple):
-    """Contribution that varies from run to run, or from sample to sample."""
-
-    name: str
-    relative: Array  # standard uncertainty over the result [-], (n,)
-    degrees_of_freedom: float | None = None  # of its estimate; None if not known
-
-
 def budget(
-    quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
+    quantity: str, sources: Sequence[Source], changes: Array, scatter: Mapping[str, Array]
 ) -> list[dict[str, Any]]:
     """Return the rows of the budget of a quantity, with the combined standard uncertainty last.
 
     The sources act on all values together; those of one name are one row. `changes` (n, K) are the
-    relative changes of the n values by one standard uncertainty of each; at least one scatter.
+    relative changes of the n values by one standard uncertainty of each, `scatter` the relative
+    standard uncertainties (n,) that vary from run to run or sample to sample; at least one.
     """
-    total = np.sum(np.square([*changes.T, *(part.relative for part in scatter)]), axis=0)
+    total = np.sum(np.square([*changes.T, *scatter.values()]), axis=0)
     whole = float(np.mean(total))
 
-    def row(source: str, acts_on: str, squares: Array, **known: Any) -> dict[str, Any]:
+    def row(source: str, acts_on: str, squares: Array, basis: str) -> dict[str, Any]:
         """Return a row from the squares (n,) of a contribution."""
         mean = float(np.mean(squares))
         return {
             "quantity": quantity,
             "source": source,
             "acts_on": acts_on,
-            "basis": "",
+            "basis": basis,
             "standard_uncertainty": None,
             "unit": "",
             "contribution_percent": 100.0 * math.sqrt(mean),
             "largest_percent": 100.0 * math.sqrt(float(np.max(squares))),
             "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
-            "degrees_of_freedom": None,
-        } | known
+        }
 
     shared = []
     for name in dict.fromkeys(source.name for source in sources):
         of_name = [k for k, source in enumerate(sources) if source.name == name]
-        source = sources[of_name[0]]
-        known: dict[str, Any] = {"basis": source.basis}
+        source, squares = sources[of_name[0]], np.sum(np.square(changes[:, of_name]), axis=1)
+        line = row(name, "all together", squares, source.basis)
         if source.basis != FITTED:
-            known |= {"standard_uncertainty": source.shown, "unit": source.unit}
-        squares = np.sum(np.square(changes[:, of_name]), axis=1)
-        shared.append(row(name, "all together", squares, **known))
-    each, reciprocal = [], 0.0
-    for name, relative, freedom in scatter:
-        line = row(name, "each run", np.square(relative), basis=FITTED, degrees_of_freedom=freedom)
-        each.append(line)
-        # by Welch and Satterthwaite: a stated standard uncertainty counts as exact
-        reciprocal += float(np.mean(np.square(relative))) ** 2 / freedom if freedom else 0.0
-    of_all = whole**2 / reciprocal if reciprocal > 0.0 else None
+            line |= {"standard_uncertainty": source.shown, "unit": source.unit}
+        shared.append(line)
+    shared.sort(key=lambda line: -line["contribution_percent"])
+    each = [row(name, "each run", np.square(u), FITTED) for name, u in scatter.items()]
     return [
-        *sorted(
-            (line for line in shared if line["largest_percent"] > LEAST_PERCENT),
-            key=lambda line: -line["contribution_percent"],
-        ),
+        *(line for line in shared if line["largest_percent"] > LEAST_PERCENT),
         *(line for line in each if line["largest_percent"] > 0.0),
-        row("combined", "", total, degrees_of_freedom=of_all),
+        row("combined", "", total, ""),
     ]
 
 
@@ -294,16 +273,14 @@ class SurfaceUncertainty:
     changes: Array  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
     scatter: Array  # factor of the covariance by scatter from run to run, (nf, nv, r)
     arcs_deg: Array  # arc settings in the order in which the sources number them [deg]
-    degrees_of_freedom: float | None = None  # of the scatter
     noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
-    def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
+    def stated_otherwise(self, stated: StandardUncertainties) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
-        now = stated_sources(stated, SURFACE, len(self.arcs_deg), law_scatter=law_scatter)
-        sizes = {(source.error, source.place): source.size for source in now}
-        stated_then = (s for s in self.sources if s.basis != FITTED)
-        changed = (s.name for s in stated_then if sizes.get((s.error, s.place), s.size) != s.size)
-        return list(dict.fromkeys(changed))
+        now = stated_sources(stated, SURFACE, len(self.arcs_deg))
+        sizes = {source.key: source.size for source in now}
+        then = (source for source in self.sources if source.basis != FITTED)
+        return list(dict.fromkeys(s.name for s in then if sizes.get(s.key, s.size) != s.size))
 
     @property
     def factor(self) -> Array:
@@ -327,7 +304,7 @@ class SurfaceUncertainty:
         inside = inside if inside.any() else np.ones(f.size, dtype=bool)
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
         changes = self.changes[inside].reshape(scatter.size, len(self.sources))
-        part = Scatter("scatter of the runs", scatter, self.degrees_of_freedom)
+        part = {"scatter of the runs": scatter}
         stored = {
             "sources": [asdict(source) for source in self.sources],
             "arcs_deg": self.arcs_deg,

@@ -15,7 +15,7 @@ from beltid.drive.simulator import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty, without_bending
+from beltid.uncertainty.drive import drive_uncertainty, without_bending
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source
 
@@ -88,7 +88,7 @@ def test_friction_slower_than_measured_is_between_no_trend_and_all_of_it() -> No
         for share in (0.0, 1.0)
     ]
     assert min(limits) < loss_of(found)[1] < max(limits)
-    u = change_by_slower_friction(drive, [STICKS], [found])[0, 1]
+    u = drive_uncertainty(drive, [STICKS], [found], PRESS, ()).shared[0, 1, -1]
     assert u == pytest.approx((limits[1] - limits[0]) / math.sqrt(12.0), rel=3e-4)
     (true,) = simulate(drive_on(rising(0.8)), [STICKS], "rod")
     assert abs(loss_of(true)[1] - loss_of(found)[1]) < 2.0 * abs(u)
@@ -104,7 +104,7 @@ def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> 
     (here,), (there,) = (simulate(limit, [point]) for limit in (nearest, whole))
     assert here.status == ("adhesion", "adhesion")
     assert "full slip" in there.status
-    u = change_by_slower_friction(drive, [point], simulate(drive, [point]))[0, 1]
+    u = drive_uncertainty(drive, [point], simulate(drive, [point]), PRESS, ()).shared[0, 1, -1]
     off = loss_of(there)[1] - loss_of(here)[1]
     assert u == pytest.approx(off / math.sqrt(12.0), rel=1e-6)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +24,6 @@ from beltid.plan.candidates import (
 from beltid.plan.design import RunRows
 from beltid.refine.posterior import Curves
 from beltid.rig.model import Bench
-from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import ARC, Source, SurfaceUncertainty
 
@@ -41,11 +39,6 @@ BENCH = Bench(Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), Contact(), LAW, SURFACE)
 
 def source(error: str, size: float, place: int = 0) -> Source:
     return Source(error, error, place, size, "", 1.0, "stated")
-
-
-def simulated_mu(bench: Bench) -> np.ndarray:
-    settings = SimulationSettings("steady", elements=240)  # two meshes differ less than EI matters
-    return np.array([simulate(bench, point, settings).mu for point in POINTS])
 
 
 SOURCES = (
@@ -70,24 +63,8 @@ def candidates() -> tuple[RunRows, Measured]:
 
 
 def test_arcs_that_were_measured_keep_their_numbers(candidates):
-    # 40° is new: it comes after the one that is known
+    # 40° is new: it comes after 82°, which is known
     assert candidates[0].arc.tolist() == [1, 1, 1, 1, 0, 0, 0, 0]
-
-
-def test_a_bending_stiffness_that_is_larger_shows_as_the_difference_of_two_simulations(candidates):
-    stiffer = replace(BENCH, belt=BENCH.belt._replace(EI=1.05 * BENCH.belt.EI))
-    change = np.log(simulated_mu(stiffer) / simulated_mu(BENCH))
-    # measured less simulated: the simulated coefficient falls out with the other sign
-    # (the derivative of a coarse mesh scatters where few contact points touch)
-    assert np.linalg.norm(candidates[0].S[:, 0] + change) < 0.1 * np.linalg.norm(change)
-    assert np.abs(change).max() > 2e-3
-
-
-def test_an_arc_that_is_larger_lowers_what_was_measured_on_it_alone(candidates):
-    of_setting = candidates[0].S[:, 1]
-    assert np.all(of_setting[:4] == 0.0)  # of the arc of 82°, the last four
-    # Eq. (6) falls by d beta / beta; what the simulated coefficient does is small against it
-    np.testing.assert_allclose(of_setting[4:], -0.01 / math.radians(82.0), rtol=0.2)
 
 
 def test_an_effect_of_an_arc_and_a_tail_are_columns_of_their_runs(candidates):

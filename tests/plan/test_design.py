@@ -47,26 +47,6 @@ def test_runs_of_a_straight_line_are_at_its_ends(shared, runs):
     assert after == pytest.approx(4.0 / 3.0 / runs + shared**2, rel=1e-4)
 
 
-def test_arcs_with_errors_of_their_own_share_the_runs():
-    # one level, two arcs; on the first the noise is smaller, on each an error u of its own: weights
-    # w_k by noise, variance 1 / sum(w) + u² (w_1² + w_2²) / (w_1 + w_2)²
-    noise, u = np.array([1.0, 1.5]), 0.5
-    runs = RunRows(np.ones((2, 1)), u * np.eye(2), noise**2, np.arange(2))
-    nothing = Knowledge(np.array([[1.0e8]]), np.zeros((1, 2)))
-
-    def variance(first: int) -> float:
-        w = np.array([first, 20 - first]) / noise**2
-        return float(1.0 / w.sum() + u**2 * (w @ w) / w.sum() ** 2)
-
-    best = min(range(1, 20), key=variance)
-    chosen = choose_runs(nothing, runs, np.eye(1), 20)
-    assert chosen.count(0) == best
-    assert nothing.after(runs, chosen).variance(np.eye(1)) == pytest.approx(variance(best), 1e-6)
-    # were the errors known, all but the one run that is asked for would be on the quiet arc
-    known = RunRows(runs.J, 0.0 * runs.S, runs.variance, runs.arc)
-    assert choose_runs(nothing, known, np.eye(1), 20).count(0) == 19
-
-
 def a_model(seed: int, n: int, size: int = 3) -> tuple[Knowledge, RunRows, np.ndarray, np.ndarray]:
     """A random linear model: knowledge, candidates, weights, and the precision before."""
     rng = np.random.default_rng(seed)

@@ -115,15 +115,15 @@ def test_an_effect_that_another_one_or_a_shared_error_can_replace_has_no_evidenc
     in_order = refined.Effect(ARC, arc, BEFORE[ARC]), refined.Effect(ORDER, order, BEFORE[ORDER])
     data, _ = with_data(replace(runs(arcs=2), effects=in_order[:1]), 6, np.array([0.0, 0.02]))
     data = replace(data, effects=in_order)
-    assert data.log_evidence_for([ARC, ORDER]) > np.log(20.0)
+    assert data.log_evidence_for(ARC, ORDER) > np.log(20.0)
     at_random = np.random.default_rng(1).permutation(N)
     mixed = replace(data, effects=(in_order[0], replace(in_order[1], columns=order[at_random])))
-    assert mixed.log_evidence_for([ARC]) > data.log_evidence_for([ARC]) + 3.0
-    assert mixed.log_evidence_for([ORDER]) < 1.0
+    assert mixed.log_evidence_for(ARC) > data.log_evidence_for(ARC) + 3.0
+    assert mixed.log_evidence_for(ORDER) < 1.0
     model = runs()
     model = replace(model, shared=0.003 * model.effects[0].columns)
     wrong, _ = with_data(model, 4, np.array([0.004, -0.003, 0.001]))
-    assert wrong.log_evidence_for([ARC]) < np.log(20.0)
+    assert wrong.log_evidence_for(ARC) < np.log(20.0)
 
 
 def test_the_share_a_free_surface_explains_is_a_multiple_correlation() -> None:

@@ -78,9 +78,9 @@ def solved(belt: str = "5pk", noise: float = 0.0, speeds: tuple[float, ...] = tu
 
 def shifted(of: Campaign, change: np.ndarray, noise: float, seed: int = 3, **more: Any) -> Campaign:
     """The campaign with ln mu of its runs changed, noise, and other columns."""
-    factor = np.exp(change + noise * np.random.default_rng(seed).normal(size=change.size))
-    mu = of.measured.mu * factor
-    return replace(of, measured=replace(of.measured, mu=mu, mu_se=noise * mu, **more))
+    change = change + noise * np.random.default_rng(seed).normal(size=change.size)
+    measured = of.measured.scattered(change)
+    return replace(of, measured=replace(measured, mu_se=noise * measured.mu, **more))
 
 
 def errors(belt: str, surface: FrictionSurface, of: Campaign, speeds: np.ndarray = SPEEDS) -> Any:

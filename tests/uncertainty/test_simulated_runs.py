@@ -16,14 +16,13 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.simulated import (
-    MESH_SHARE,
     Campaign,
     RunsUncertainty,
     simulated_runs,
     simulated_uncertainty,
 )
 from beltid.uncertainty.sources import RIG as RIG_
-from beltid.uncertainty.sources import StandardUncertainties, stated_sources, with_sources
+from beltid.uncertainty.sources import StandardUncertainties, stated_sources
 
 POINTS = [
     OperatingPoint(math.radians(arc), T_0, omega)
@@ -120,21 +119,3 @@ def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: RunsUnce
                 for s in (step, -step)
             )
             assert plain.by_setting[i, k] == pytest.approx((up - down) / (2 * step), abs=2e-3)
-
-
-def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: RunsUncertainty) -> None:
-    for i, point in enumerate(POINTS):
-        fine = simulate(bench(scaled(1.0)), point, SimulationSettings("steady", 80)).mu
-        change = abs(math.log(fine / plain.mu[i]))
-        assert plain.numerical[i] == pytest.approx(MESH_SHARE * change, abs=4e-8)
-
-
-def test_sources_a_surface_knows_are_kept_as_they_were() -> None:
-    stored = stated_sources(GIVEN, (RIG_,), 2)
-    other = StandardUncertainties({"arc": math.radians(9.0), "cell_offset": 0.1})
-    together = with_sources(stored, stated_sources(other, (RIG_,), 2))
-    assert together[: len(stored)] == stored
-    assert [(s.error, s.place) for s in together[len(stored) :]] == [
-        ("cell_offset", 0),
-        ("cell_offset", 1),
-    ]
