@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from beltid._version import __version__
 from beltid.errors import printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
-from beltid.report.charts import CHARTS, Picture, inline_svg
-from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
+from beltid.report.charts import CHARTS, inline_svg
+from beltid.report.results import (
+    COMPARED,
+    HELD_OUT,
+    LABELS,
+    SURFACES,
+    BeltResults,
+    Sheet,
+    Verdict,
+    conditions,
+    verdict_of,
+)
 from beltid.report.summary import Table, sentence, table
-from beltid.report.verdict import Verdict, conditions, verdict_of
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
+# words of a heading -> what the page calls them
 SYMBOLS: Final = {
     "mu": "µ",
     "k linear": "k₁",
@@ -28,17 +37,16 @@ SYMBOLS: Final = {
     "se": "standard error",
     "u": "uncertainty",
 }
-"""Words of a heading -> what the page calls them."""
 SHORT_HASH: Final = 12
+WIDTH, HEIGHT = 200.0, 80.0  # of a tile
+MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, for spikes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Section:
-    """A part of the page: what it shall show, and, once it is filled, what it shows.
+class Section(NamedTuple):
+    """A part of the page: what it shall show. What is `folded` is left out on paper.
 
-    `charts`, `tabulates` and `notes_of` name its charts, its tables (artifact and further table, ""
-    for its columns), and the artifacts whose notes it has; `absent` are charts that were not drawn,
-    and why; `links` are addresses and texts. What is `folded` is left out on paper.
+    That is its charts, its tables (artifact and further table, "" for its columns), and the notes
+    of some artifacts.
     """
 
     key: str
@@ -48,20 +56,20 @@ class Section:
     tabulates: Sequence[tuple[str, str]] = ()
     notes_of: Sequence[str] = ()
     folded: bool = True
-    pictures: Sequence[Picture] = ()
-    absent: Sequence[str] = ()
-    tables: Sequence[Table | None] = ()
-    notes: Sequence[str] = ()
-    links: Sequence[tuple[str, str]] = ()
-    tiles: Sequence[Mapping[str, Any]] = ()
+
+    def filled(self, results: Any, **own: Any) -> dict[str, Any]:
+        """Return the section with its pictures, and what else it shows."""
+        drawn = [
+            picture for key in self.charts.split() for picture in CHARTS[key].pictures(results)
+        ]
+        return {**self._asdict(), "pictures": drawn, "tables": (), "notes": (), **own}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Page:
+class Page(NamedTuple):
     """A page: its title and sections, the hash of all that it was made from, and its head."""
 
     title: str
-    sections: Sequence[Section]
+    sections: Sequence[dict[str, Any]]
     synthetic: bool
     made_from: str
     verdict: Verdict | None = None
@@ -73,10 +81,6 @@ BUDGET: Final = (
     "config, section uncertainty."
 )
 HAVE_BUDGETS: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
-WITH_BUDGET: Final = [(name, "budget") for name in HAVE_BUDGETS]
-OF_SURFACES: Final = [(name, rows) for rows in ("nodes", "effects") for name in SURFACES]
-OF_PRESS: Final = [("stiffness", "")]
-OF_DRIVE: Final = ["drive", "compare_drive"]
 SECTIONS: Final = (
     Section(
         "surface",
@@ -86,7 +90,13 @@ SECTIONS: Final = (
         "map-{name} cuts surface-space",
         folded=False,
     ),
-    Section("stiffness", "The normal contact law", "", "press-law", OF_PRESS, folded=False),
+    Section(
+        "stiffness",
+        "The normal contact law",
+        charts="press-law",
+        tabulates=[("stiffness", "")],
+        folded=False,
+    ),
     Section(
         "proof",
         "The proof: the rig, simulated",
@@ -109,22 +119,28 @@ SECTIONS: Final = (
         "Friction of every run",
         "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
         "friction run arc simulated:{name}",
-        [("friction", ""), *OF_SURFACES],
+        [("friction", ""), *((of, rows) for rows in ("nodes", "effects") for of in SURFACES)],
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
     ),
     Section("press", "The press and temperature", "", "press-temperature", notes_of=["stiffness"]),
     Section("slip", "Sliding in service", "", "slip", notes_of=["slip"]),
     Section("differences", "Differences run by run", charts="differences"),
-    Section("forces", "Forces of the drive", "", "", [("drive", "")], OF_DRIVE),
-    Section("uncertainty", "Uncertainty budget", BUDGET, "budget-{name}", WITH_BUDGET),
+    Section("forces", "Forces of the drive", "", "", [("drive", "")], ["drive", "compare_drive"]),
+    Section(
+        "uncertainty",
+        "Uncertainty budget",
+        BUDGET,
+        "budget-{name}",
+        [(name, "budget") for name in HAVE_BUDGETS],
+    ),
     Section("set-aside", "Set aside, and why"),
     Section("provenance", "Provenance", "The same inputs and settings give the same files."),
 )
+# columns of the table of belts
 BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
 )
-"""Columns of the table of belts."""
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
@@ -140,25 +156,11 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     sections = []
     for section in SECTIONS:
         if section.key not in ("drive", "forces") or results.get("drive"):
-            filled: dict[str, Any] = {
-                "tables": [
-                    tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets
-                ],
-                "notes": _notes([sheets[name] for name in section.notes_of if name in sheets]),
-            }
-            filled |= _drawn(section, results) | own.get(section.key, {})
-            sections.append(replace(section, **filled))
-    synthetic = results.origin == "synthetic"
-    title = f"Belt {results.belt}"
+            tables = [tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets]
+            shown = {"tables": tables, "notes": _notes(results.every(*section.notes_of))}
+            sections.append(section.filled(results, **shown | own.get(section.key, {})))
+    synthetic, title = results.origin == "synthetic", f"Belt {results.belt}"
     return Page(title, sections, synthetic, made_from, verdict, conditions(results))
-
-
-def _drawn(section: Section, results: Any) -> dict[str, Any]:
-    drawn = [drawn for key in section.charts.split() for drawn in CHARTS[key].pictures(results)]
-    return {
-        "pictures": [picture for picture in drawn if isinstance(picture, Picture)],
-        "absent": [why for why in drawn if isinstance(why, str)],
-    }
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
@@ -184,13 +186,14 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         "them and the bench.",
         "belts-force belts-speed",
         folded=False,
+    ).filled(
+        belts,
         tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
         notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
         links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
     title = "Belts " + ", ".join(belt.belt for belt in belts)
-    synthetic = any(belt.origin == "synthetic" for belt in belts)
-    return Page(title, [replace(section, **_drawn(section, belts))], synthetic, made_from)
+    return Page(title, [section], any(belt.origin == "synthetic" for belt in belts), made_from)
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
@@ -205,16 +208,16 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["measured_force_N_m"] = best.measured_force
         row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
         row["mu_u_percent"] = best.combined_percent
-    for name, of in ((HELD_OUT, "predicted"), *((name, LABELS[name]) for name in COMPARED)):
-        if sheet := belt.get(name):
-            row[f"{of}_rms_percent"] = f"{sheet.judged} {sheet.rms_percent}"
+    for sheet in belt.every(HELD_OUT, *COMPARED):
+        name = LABELS.get(sheet.name, "predicted")
+        row[f"{name}_rms_percent"] = f"{sheet.judged} {sheet.rms_percent}"
     return row
 
 
 def tabulated(sheet: Sheet, name: str) -> Table | None:
     """Tabulate an artifact: its columns, its nodes, the laws of a press, or a further table."""
     if name == "nodes":
-        title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
+        title = f"µ ± {sheet.mu_error[1]} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
     if name:
         title = TITLES.get(name, "simulated less measured µ")
@@ -245,9 +248,7 @@ def provenance(results: BeltResults) -> Table | None:
             "artifact": f"{sheet.name}.parquet",
             "file": sheet.sha256[:SHORT_HASH],
             "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
-            "inputs": ", ".join(
-                f"{k} {sha[:SHORT_HASH]}" for k, sha in sorted(made.inputs.items())
-            ),
+            "inputs": ", ".join(f"{k} {of[:SHORT_HASH]}" for k, of in sorted(made.inputs.items())),
             "beltid": made.software,
             "sources": made.sources[:SHORT_HASH],
         }
@@ -255,11 +256,6 @@ def provenance(results: BeltResults) -> Table | None:
         if (made := sheet.record)
     ]
     return table("Made from (first digits of the SHA-256)", rows)
-
-
-WIDTH, HEIGHT = 200.0, 80.0
-MOST_SHOWN: Final = 99.5
-"""Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
 
 
 def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
@@ -279,25 +275,22 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
         if not rows.size:
             continue
         time = curves["time_s"][rows] - curves["time_s"][rows[0]]
-        settings = (
-            (float(friction["arc_deg"][row]), "°"),
-            (float(friction["nominal_tension_N"][row]), " N"),
-            (1e3 * float(friction["slip_speed_m_s"][row]), " mm/s"),
-            (float(time[-1]), " s"),
+        arc, tension, speed, mu, status = (
+            friction[name][row]
+            for name in ["arc_deg", "nominal_tension_N", "slip_speed_m_s", "mu_sliding", "status"]
         )
+        settings = ((arc, "°"), (tension, " N"), (1e3 * speed, " mm/s"), (time[-1], " s"))
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
-        status, pen = str(friction["status"][row]), "M"
         x = WIDTH * time / max(time[-1], 1e-9)
         y = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
-        path = ""
-        for at, height in zip(x, y, strict=True):  # gaps where it is missing
-            path += f"{pen}{at:.1f} {height:.1f}" if np.isfinite(height) else ""
-            pen = "L" if np.isfinite(height) else "M"
+        there = np.isfinite(y)
+        pens = np.where(there & np.r_[False, there[:-1]], "L", "M")  # gaps where it is missing
+        points = zip(pens[there], x[there], y[there], strict=True)
         yield {
             "title": f"{run}: {known}",
             "why": "" if status == "ok" else status,
-            "path": path,
-            "level": HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
+            "path": "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points),
+            "level": HEIGHT * (1.0 - mu / highest),
         }
 
 
@@ -306,7 +299,7 @@ def rendered(page: Page) -> str:
 
     It needs no network and has no scripts; the same page gives the same bytes.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup
 
     environment = Environment(
@@ -314,7 +307,6 @@ def rendered(page: Page) -> str:
         autoescape=True,
         # Markup is this program's
         finalize=lambda value: printable(value) if type(value) is str else value,
-        undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )

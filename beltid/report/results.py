@@ -1,17 +1,18 @@
-"""Results of one belt as the report reads them: artifacts, and the settings of their runs."""
+"""Results of one belt as the report reads them: artifacts, settings of their runs, the verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from beltid.errors import percent
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import cell
+from beltid.report.summary import between, cell, scientific, sentence
 from beltid.store.artifact import Artifact, combined_origin
 
 if TYPE_CHECKING:
@@ -21,15 +22,19 @@ HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out a
 SURFACES: Final = ("surface_refined", "surface")
 SIMULATED: Final = ("simulated_refined", "simulated")
 COMPARED: Final = ("compare_refined", "compare")
+# artifact -> the surface that it is, or was simulated with; the refined one first
 LABELS: Final = {
-    name: label
+    name: ("refined", "published")[k]
     for names in (SURFACES, SIMULATED, COMPARED)
-    for name, label in zip(names, ("refined", "published"), strict=True)
+    for k, name in enumerate(names)
 }
-"""Artifact -> the surface that it is, or was simulated with; the refined one first."""
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
 SAME: Final = 0.03  # relative distance within which two values count as one setting
-UNKNOWN_TENSION: Final = -1.0  # placeholder for an unknown tension [N]
+DISTINCT: Final = 0.05  # relative distance beyond which two values count as evidence of their own
+UNKNOWN: Final = -1.0  # placeholder for an unknown setting
+MOST_UNCERTAINTIES: Final = 2.0  # largest RMS error, over u, at which predictions confirm a surface
+WORDS: Final = ("no", "one", "two", "three")
+MOST_LISTED: Final = 12  # largest number of settings that are listed; for more, the range is given
 
 
 class Sheet(Artifact):
@@ -37,11 +42,20 @@ class Sheet(Artifact):
 
     __slots__ = ()
 
+    @classmethod
+    def of(cls, artifact: Artifact) -> Sheet:
+        """Read an artifact as a sheet."""
+        return cls(artifact.columns, artifact.record, artifact.path, artifact.sha256)
+
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
         if column in self.columns:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
+        """Return a further table; empty if there is none."""
+        return self.record.tables.get(name) or []
 
     @property
     def label(self) -> str:
@@ -49,10 +63,6 @@ class Sheet(Artifact):
         left_out = LEFT_OUT.get(self.facts.get("hold_out", ""), "runs")
         predicted = f"{left_out} left out and predicted"
         return f"{LABELS[self.name]} surface" if self.name in LABELS else predicted
-
-    def rows(self, name: str) -> list[dict[str, Any]]:
-        """Return a further table; empty if there is none."""
-        return self.record.tables.get(name) or []
 
     @property
     def rig(self) -> Mapping[str, Any]:
@@ -65,17 +75,18 @@ class Sheet(Artifact):
         return float(self.rig.get("pulley_radius_m") or np.nan)
 
     @property
-    def surface(self) -> FrictionSurface:
-        """Averaged surface, with combined uncertainties as its errors if they are available."""
-        from beltid.identify.surface.surface import surface_from_columns  # slow to import
-
-        combined = {"mu_se": self.columns["mu_u"]} if "mu_u" in self.columns else {}
-        return surface_from_columns({**self.columns, **combined})
+    def mu_error(self) -> tuple[str, str]:
+        """Column with the error of a surface, combined if it is known, and its name."""
+        if "mu_u" in self.columns:
+            return "mu_u", "combined standard uncertainty"
+        return "mu_se", "standard error"
 
     @property
-    def uncertainty(self) -> str:
-        """Name of the surface's error measure."""
-        return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
+    def surface(self) -> FrictionSurface:
+        """Averaged surface with its errors."""
+        from beltid.identify.surface.surface import surface_from_columns  # slow to import
+
+        return surface_from_columns({**self.columns, "mu_se": self.columns[self.mu_error[0]]})
 
     @property
     def measured_force(self) -> Sequence[float] | None:
@@ -125,11 +136,6 @@ class Sheet(Artifact):
         return NormalLaw(*(float(self.columns[name][row]) for name in names))
 
 
-def sheet_of(artifact: Artifact) -> Sheet:
-    """Read an artifact as a sheet."""
-    return Sheet(artifact.columns, artifact.record, artifact.path, artifact.sha256)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltResults:
     """All results of one belt.
@@ -150,6 +156,10 @@ class BeltResults:
         """Return the first of some artifacts that there is; None if none."""
         return next((self.sheets[name] for name in names if name in self.sheets), None)
 
+    def every(self, *names: str) -> list[Sheet]:
+        """Return those of some artifacts that there are."""
+        return [self.sheets[name] for name in names if name in self.sheets]
+
     @property
     def best_surface(self) -> Sheet | None:
         """The refined surface if available, otherwise the published one."""
@@ -167,18 +177,19 @@ class BeltResults:
         return combined_origin([sheet.origin for sheet in self.sheets.values()])
 
 
-def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
-    """Group the rows of the points by speed and tension, in order of first appearance.
+def series_of(*columns: np.ndarray) -> dict[tuple[Any, ...], list[int]]:
+    """Group the rows of some columns by their settings, in order of first appearance.
 
-    Unknown tensions form one group, -1.
+    The scatter of motors and weights makes no setting of its own; unknown ones count as -1.
     """
-    tensions = np.nan_to_num(snap_to_settings(tension), nan=UNKNOWN_TENSION)
-    pairs = np.stack([snap_to_settings(speed), tensions], axis=1)
-    distinct, first, of = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-    return {
-        (float(distinct[k, 0]), float(distinct[k, 1])): np.flatnonzero(of.ravel() == k)
-        for k in np.argsort(first)
-    }
+    settings = [
+        of if of.dtype == object else np.nan_to_num(snap_to_settings(of), nan=UNKNOWN)
+        for of in columns
+    ]
+    series: dict[tuple[Any, ...], list[int]] = {}
+    for row, key in enumerate(zip(*(of.tolist() for of in settings), strict=True)):
+        series.setdefault(key, []).append(row)
+    return series
 
 
 def settings_of(values: np.ndarray, most: int | None = None) -> list[np.ndarray]:
@@ -213,3 +224,214 @@ def load_name(friction: Sheet) -> str:
     """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
     rig = f"{friction.rig.get('holds')} {friction.facts.get('rig_holds')}"
     return "weight" if "weight" in rig else "belt tension"
+
+
+class Verdict(NamedTuple):
+    """Head of a report."""
+
+    headline: str
+    state: str  # "good", "bad" (out of tolerance) or "open"
+    results: tuple[tuple[str, str], ...]  # the main ones, each with its name
+    trust: tuple[str, ...]  # limits of trust
+
+
+def verdict_of(results: BeltResults) -> Verdict:
+    """Judge the results of a belt."""
+    compared, predicted = results.every(*COMPARED), results.prediction
+    decisive, said = compared[:1], list[str]()
+    if predicted:
+        decisive.append(predicted)
+        said.append(
+            f"friction of {LEFT_OUT[predicted.facts['hold_out']]} that was left out is predicted "
+            f"to {predicted.rms_percent} % RMS{_over_u(predicted.over_uncertainty)} "
+            f"({_within(predicted)})"
+        )
+    if compared:
+        misses = [f"the {of.label} by {of.rms_percent} % RMS ({_within(of)})" for of in compared]
+        said.append(f"the simulated rig misses the measured friction with {', with '.join(misses)}")
+    start, state = "Identified and proven", "good"
+    if not decisive:
+        said, start = ["the simulated rig was not compared with the bench"], "Not proven"
+        state = "open"
+    elif not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
+        start, state = "Identified, but out of tolerance", "bad"
+    elif missing := "; ".join(_missing_evidence(results)):
+        start, state = f"Identified, not proven ({missing})", "open"
+    headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
+    if results.failures:
+        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
+    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
+
+
+def _over_u(ratio: float | None) -> str:
+    return "" if ratio is None else f", {ratio:.2g} standard uncertainties"
+
+
+def _within(sheet: Sheet) -> str:
+    if sheet.too_few_compared:
+        count, of = sheet.overall.get("n_points"), sheet.facts.get("runs_measured")
+        return f"only {cell('n', count)} of {cell('n', of)} runs compared"
+    return f"{'within' if sheet.record.passed else 'out of'} tolerance"
+
+
+def _missing_evidence(results: BeltResults) -> Iterator[str]:
+    """Yield what prevents results that agree from counting as proven."""
+    for sheet, without, misses in (
+        (
+            results.get("compare_refined"),
+            "no refined surface was compared",
+            "the refined surface misses its own runs by",
+        ),
+        (results.prediction, "no runs were left out and predicted", "the predictions miss by"),
+    ):
+        if sheet is None:
+            yield without
+        elif sheet.too_few_compared:
+            yield _within(sheet)
+        elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
+            yield (
+                f"{misses} {sheet.over_uncertainty:.2g} of their standard uncertainties, at most "
+                f"{MOST_UNCERTAINTIES:g} allowed"
+            )
+    if friction := results.get("friction"):
+        for setting, column, enough in (
+            ("contact arc", "arc_deg", 2),
+            (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
+            ("sliding speed", "slip_speed_m_s", 3),
+        ):
+            n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
+            if n < enough:
+                yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
+
+
+def _distinct(values: np.ndarray) -> int:
+    """Count the values that differ by more than `DISTINCT`, in a grid or a random design."""
+    count, last = 0, -1.0
+    for value in np.sort(values[np.isfinite(values)]).tolist():
+        if value > (1.0 + DISTINCT) * last:
+            count, last = count + 1, value
+    return count
+
+
+def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
+    """Yield the main results that there are, besides those of the headline."""
+    if stiffness := results.get("stiffness"):
+        yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
+    if best := results.best_surface:
+        mu, name = best.surface.mu_nodes, LABELS.get(best.name, "published")
+        yield f"Friction surface, {name}", f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
+    if drive := results.get("compare_drive"):
+        rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
+        error = cell("rms_percent", None if rms is None else 100.0 * rms)
+        points = f"{cell('n', drive.facts.get('points_judged'))} points"
+        said = f"{drive.judged} {error} % RMS{_over_u(ratio)}, {points}"
+        yield "Speed loss of the drive, predicted", said
+    if friction := results.get("friction"):
+        good = int(np.count_nonzero(friction["status"] == "ok"))
+        yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
+
+
+def _normal_contact(stiffness: Sheet) -> str:
+    row = stiffness.pooled_row
+    law = stiffness.law(row)
+    said = "errors of the coefficients unknown"
+    for of, label in (("se", "standard error"), ("u", "standard uncertainty")):
+        first = stiffness[f"k_linear_{of}_N_m2"][row] / law.k_linear_N_m2
+        second = stiffness[f"k_quadratic_{of}_N_m3"][row] / max(law.k_quadratic_N_m3, 1e-300)
+        if np.isfinite([first, second]).all():
+            said = f"± {percent(100.0 * first)}, ± {percent(100.0 * second)} ({label})"
+    depth, force = (float(stiffness[f"max_{of}"][row]) for of in ("penetration_m", "force_N_m"))
+    formula = f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²"
+    return f"{formula}, {said}; up to {1e6 * depth:.3g} µm, {_forces([force])}"
+
+
+def _trust(results: BeltResults) -> Iterator[str]:
+    """Yield up to four limits: what was measured, what lies beyond, the proof, the uncertainty."""
+    sheet = results.best_surface
+    if results.origin is None:
+        yield "It is not stated whether the data are measured or synthetic (data.origin)."
+    if sheet is None:
+        return
+    forces, v = sheet.surface.normal_force_N_m, 1e3 * sheet.surface.slip_speed_m_s
+    speeds = f"{'at' if v[0] == v[-1] else 'from'} {between(f'{v[0]:.3g}', f'{v[-1]:.3g}')} mm/s"
+    inferred = (
+        f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that act "
+        "within the contact of these runs."
+    )
+    if sheet.measured_force is None:
+        yield f"µ is given from {_forces(forces)} and {speeds}."
+    else:
+        measured = f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}."
+        yield measured + inferred * (sheet.name == "surface_refined")
+    beyond = "Outside, the nearest µ is taken; friction is never extrapolated."
+    if stiffness := results.get("stiffness"):
+        pressed = stiffness["max_force_N_m"][stiffness.pooled_row]
+        if pressed < forces[-1]:
+            where = f"{_forces([pressed])}, where the press ended"
+            beyond += f" Extrapolated: the normal law beyond {where}."
+    yield beyond
+    if results.get("compare_refined") is not None:
+        runs = "the runs that were" if results.prediction else "only runs that are"
+        yield (
+            "The refined surface was fitted to these runs: its agreement shows how well the model "
+            f"fits them; {runs} left out show how well it predicts others."
+        )
+    total = sheet.combined_percent
+    parts = [row for row in sheet.rows("budget") if row["source"] != "combined"]
+    if total is not None and parts:
+        largest = max(parts, key=lambda row: row["contribution_percent"] or 0.0)
+        share = percent(largest["contribution_percent"] or 0.0)
+        yield (
+            f"The combined standard uncertainty of µ is {percent(total)} within the range of the "
+            f"runs, mostly from: {largest['source']} ({share}, {largest['basis']})."
+        )
+
+
+def _forces(values: Sequence[float] | np.ndarray) -> str:
+    """Format a range of forces per length with four digits, never as a power of ten."""
+    ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
+    return f"{between(*ends)} N/m"
+
+
+def conditions(results: BeltResults) -> list[tuple[str, str]]:
+    """List belt, rig, settings, temperatures and config, each with its value.
+
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
+    """
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    if friction := results.get("friction"):
+        radius = friction.pulley_radius_m
+        load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
+        speeds = 1e3 * np.abs(friction["slip_speed_m_s"])
+        lines += [
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
+            ("Contact arcs", _settings(friction["arc_deg"], "°")),
+            (load, _settings(friction["nominal_tension_N"], " N")),
+            ("Sliding speeds v", _settings(speeds, " mm/s")),
+            ("Surface", _stated(friction, "condition")),
+            ("Side of the belt", _stated(friction, "side")),
+            ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
+        ]
+    if stiffness := results.get("stiffness"):
+        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
+        lines += [
+            ("Press segment", f"{float(length):.4g} cm" if length else ""),
+            ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
+        ]
+    configs = {sheet.record.config for sheet in results.sheets.values()}
+    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
+    return [(name, value) for name, value in lines if value]
+
+
+def _stated(friction: Sheet, column: str) -> str:
+    values = friction.columns.get(column, ())
+    return ", ".join(sorted({str(value) for value in values if value is not None}))
+
+
+def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
+    """List the settings of some runs, joined to so many classes."""
+    names = [class_name(values[rows]) for rows in settings_of(values, most)]
+    if len(names) > MOST_LISTED:
+        return f"{len(names)} from {names[0]} to {names[-1]}{unit}"
+    return ", ".join(names) + unit if names else ""

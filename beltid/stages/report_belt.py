@@ -15,9 +15,8 @@ from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
 from beltid.report.page import belt_page, belts_page, rendered
-from beltid.report.results import BeltResults, Sheet, sheet_of
+from beltid.report.results import BeltResults, Sheet, verdict_of
 from beltid.report.summary import Summary
-from beltid.report.verdict import verdict_of
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stage import RECORDINGS, as_measured
 from beltid.stages.friction import typical_runs
@@ -76,9 +75,10 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             page = belt_page(results[0], mark)
         text = sealed(rendered(page)).encode()
         write_bytes(out, text)
+        drawn = [picture.figure is not None for of in page.sections for picture in of["pictures"]]
         facts = {
-            "figures": sum(len(section.pictures) for section in page.sections),
-            "figures_missing": sum(len(section.absent) for section in page.sections),
+            "figures": drawn.count(True),
+            "figures_missing": drawn.count(False),
             "size_kB": len(text) / 1000.0,
         }
     origins = {result.origin for result in results}
@@ -114,7 +114,7 @@ def gather(belt: OnPage) -> BeltResults:
         if not path.exists():
             continue
         try:
-            sheet = sheet_of(read_artifact(path, kind))
+            sheet = Sheet.of(read_artifact(path, kind))
         except ArtifactError as error:
             problems += error.problems
         else:

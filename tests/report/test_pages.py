@@ -31,7 +31,7 @@ from beltid.report.page import (
     tabulated,
     tiles,
 )
-from beltid.report.verdict import conditions, verdict_of
+from beltid.report.results import conditions, verdict_of
 from beltid.stages import report_belt
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
@@ -89,7 +89,7 @@ def test_paper_has_the_verdict_the_law_the_proof_and_four_limits(page: str) -> N
 @pytest.mark.parametrize("origin", ["synthetic", "measured"])
 def test_synthetic_data_are_called_so_on_top(origin: str) -> None:
     said = {name: stating(sheets()[name], origin=origin) for name in ("friction", "slip")}
-    top = replace(belt_page(replace(results(), sheets=said), "0" * 64), sections=())
+    top = belt_page(replace(results(), sheets=said), "0" * 64)._replace(sections=())
     assert ("Synthetic data." in rendered(top)) == (origin == "synthetic")
 
 
@@ -249,6 +249,6 @@ def test_a_file_that_is_no_report_is_not_replaced(tmp_path: Path) -> None:
 
 def test_belts_are_compared_by_their_verdicts() -> None:
     belts = [results(), results(crossvalidation=None)]
-    (table,) = belts_page(belts, ["a", "b"], "0").sections[0].tables
+    (table,) = belts_page(belts, ["a", "b"], "0").sections[0]["tables"]
     verdicts = [row[-3:] for row in table.rows] if table else []
     assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]
