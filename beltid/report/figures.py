@@ -333,7 +333,7 @@ def _in_space(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 
 def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tuple[str, str]:
     """Draw surfaces over force or speed, at the middle of the common range of the other."""
-    surfaces = [(belt.belt, best.surface) for belt in belts if (best := belt.best_surface)]
+    surfaces = [(belt.belt, best.surface) for belt in belts if (best := belt.get(*SURFACES))]
     if not surfaces:
         raise NotDrawn("no folder has a surface.parquet")
     ends = np.array([getattr(surface, across)[[0, -1]] for _, surface in surfaces])

@@ -202,7 +202,7 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
     if friction := belt.get("friction"):
         row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
-    if best := belt.best_surface:
+    if best := belt.get(*SURFACES):
         nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
         row["mu_range"] = [float(mu.min()), float(mu.max())]
         row["measured_force_N_m"] = best.measured_force

@@ -161,11 +161,6 @@ class BeltResults:
         return [self.sheets[name] for name in names if name in self.sheets]
 
     @property
-    def best_surface(self) -> Sheet | None:
-        """The refined surface if available, otherwise the published one."""
-        return self.get(*SURFACES)
-
-    @property
     def prediction(self) -> Sheet | None:
         """The comparison with runs that were left out and predicted."""
         sheet = self.get(HELD_OUT)
@@ -317,7 +312,7 @@ def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
     """Yield the main results that there are, besides those of the headline."""
     if stiffness := results.get("stiffness"):
         yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
-    if best := results.best_surface:
+    if best := results.get(*SURFACES):
         mu, name = best.surface.mu_nodes, LABELS.get(best.name, "published")
         yield f"Friction surface, {name}", f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
     if drive := results.get("compare_drive"):
@@ -347,7 +342,7 @@ def _normal_contact(stiffness: Sheet) -> str:
 
 def _trust(results: BeltResults) -> Iterator[str]:
     """Yield up to four limits: what was measured, what lies beyond, the proof, the uncertainty."""
-    sheet = results.best_surface
+    sheet = results.get(*SURFACES)
     if results.origin is None:
         yield "It is not stated whether the data are measured or synthetic (data.origin)."
     if sheet is None:

@@ -35,6 +35,7 @@ DRIVE: Final = "driver_speed_rad_s initial_tension_N"
 COMPARED: Final = (
     "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
 )
+# kind -> what is shown of it
 VIEWS: Final = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
@@ -86,7 +87,7 @@ VIEWS: Final = {
         "gain_percent needed_for",
     ),
 }
-"""Kind -> what is shown of it."""
+# further table that is always shown (the budget, of surfaces) -> its title
 TITLES: Final = {
     "budget": "standard uncertainties, in percent of the quantity",
     "misfit": "simulated less measured friction: published surface, then refined",
@@ -96,18 +97,17 @@ TITLES: Final = {
     "regions": "standard uncertainty by region, in percent of mu",
     "statements": "if it were known twice as well",
 }
-"""Further table that is always shown (the budget, of surfaces) -> its title."""
+# columns of further tables that have more
 COLUMNS: Final = {
     "budget": "quantity source basis standard_uncertainty unit contribution_percent "
     "largest_percent",
     "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
     "force_high_N_m",
 }
-"""Columns of further tables that have more."""
 POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
+# what only other stages and the report read
 FOR_REPORT: Final = ("uncertainty", "laid", "averaged")
-"""What only other stages and the report read."""
 
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
