@@ -37,9 +37,6 @@ from beltid.report.summary import axis, quantity, scientific, sentence
 MILLI: Final = 1e3
 FORCE, SPEED = "normal_force_N_m", "slip_speed_m_s"
 BRANCHES: Final = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
-NO_CURVES: Final = (
-    "the recording was not read when the report was written; beltid report --config CONFIG reads it"
-)
 POINTS: Final = 101
 TALL: Final = 5.8
 PHASES: Final = (
@@ -67,10 +64,23 @@ OF: Final = {
 draw_press = partial(draw, x="penetration_m", y="line_force_N_m")
 
 
-def curve(stiffness: Sheet, row: int) -> dict[str, np.ndarray]:
-    """Return penetration [m] and force [N/m] of a law up to its largest measured penetration."""
+def _chosen(sheet: Sheet, rows: Any) -> dict[str, Any]:
+    return {name: values[rows] for name, values in sheet.columns.items()}
+
+
+def _law(axes: Any, stiffness: Sheet, row: int, rows: Any = slice(None), **look: Any) -> None:
+    """Draw the law of a row up to its largest measured penetration."""
     depth = np.linspace(0.0, stiffness["max_penetration_m"][row], POINTS)
-    return {"penetration_m": depth, "line_force_N_m": stiffness.law(row).force(depth)}
+    law = {"penetration_m": depth, "line_force_N_m": stiffness.law(row).force(depth)}
+    draw_press(axes, law, rows=rows, **look)
+
+
+def _stored(results: BeltResults, name: str) -> Sheet:
+    """Return stored curves; without them, a chart is not drawn."""
+    if curves := results.get(name):
+        return curves
+    when = "when the report was written; beltid report --config CONFIG reads it"
+    raise NotDrawn(f"the recording was not read {when}")
 
 
 def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
@@ -89,11 +99,10 @@ def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     row = stiffness.pooled_row
     if curves := results.get("press_curves"):
         _branches(axes, curves, alpha=0.7, lw=1.0)
-    fitted, law = curve(stiffness, row), stiffness.law(row)
-    draw_press(axes, fitted, color=charts.INK, lw=2.0, label="fitted law")
-    look: Any = {"ls": "none", "color": charts.INK, "ms": 7, "label": "largest penetration"}
-    draw_press(axes, fitted, rows=[-1], marker="o", **look)
-    unloaded = np.isfinite(stiffness["hysteresis_ratio"][row])
+    _law(axes, stiffness, row, color=charts.INK, lw=2.0, label="fitted law")
+    look = {"color": charts.INK, "marker": "o", "ms": 7, "label": "largest penetration"}
+    _law(axes, stiffness, row, [-1], ls="none", **look)
+    law, unloaded = stiffness.law(row), np.isfinite(stiffness["hysteresis_ratio"][row])
     where = "half-way between loading and unloading" if unloaded else "along the loading"
     return (
         f"f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
@@ -103,9 +112,7 @@ def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
 
 @chart("press-temperature", "The press at each temperature (Fig. 4)", "stiffness")
 def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
-    curves, at = results.get("press_curves"), stiffness["temperature_degC"]
-    if curves is None:
-        raise NotDrawn(NO_CURVES)
+    curves, at = _stored(results, "press_curves"), stiffness["temperature_degC"]
     rows = np.flatnonzero(np.isfinite(at))
     if not rows.size:
         raise NotDrawn("the temperatures of the tests are unknown")
@@ -113,8 +120,8 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     away = np.abs(curves["temperature_degC"] - at[rows, None])
     for k, colour in enumerate(charts.shades(rows.size)):
         _branches(axes, curves, away[k] <= away.min(axis=0), color=colour, lw=1.0, label="")
-        look: Any = {"ls": ":", "color": colour, "lw": 2.2, "label": f"{at[rows[k]]:g} °C"}
-        draw_press(axes, curve(stiffness, rows[k]), **look)
+        look = {"color": colour, "lw": 2.2, "label": f"{at[rows[k]]:g} °C"}
+        _law(axes, stiffness, rows[k], ls=":", **look)
     said = "Solid: loading; dashed: unloading; dotted: the law of the temperature."
     if "unloading" in curves["branch"]:
         return f"{said} The area between loading and unloading is the energy lost in a cycle."
@@ -123,15 +130,12 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
 
 @chart("run", "Tensions and friction over time (Fig. 10)", "friction", panels=charts.TWO)
 def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
-    curves, (above, below) = results.get("rig_curves"), panels
-    if curves is None:
-        raise NotDrawn(NO_CURVES)
+    curves, (above, below) = _stored(results, "rig_curves"), panels
     stored = np.isin(friction["run"].astype(str), curves["run"].astype(str))
     good = np.flatnonzero(stored & (friction["status"] == "ok"))
     if not good.size:
         raise NotDrawn("no run could be used")
-    row = int(good[np.argmax(friction["arc_deg"][good])])
-    run = {name: values[row] for name, values in friction.columns.items()}
+    run = _chosen(friction, good[np.argmax(friction["arc_deg"][good])])
     above.figure.set_figheight(TALL)
     rows = curves["run"].astype(str) == str(run["run"])
     for name, colour, dash in (("tight", charts.MEASURED, "-"), ("slack", charts.SIMULATED, "--")):
@@ -139,10 +143,9 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
         draw(above, curves, "time_s", f"tension_{name}_N", rows, **look)
     draw(below, curves, "time_s", "mu", rows, color=charts.INK, lw=1.1, label="µ, Eq. (6)")
     above.set_xlabel("")
-    peak = run.get("peak_time_s", np.nan)
+    peak, plateau = run.get("peak_time_s", np.nan), run["plateau_start_s"]
     # without a peak the build-up lasts until the plateau
-    turn = peak if np.isfinite(peak) else run["plateau_start_s"]
-    ends = (run["start_time_s"], turn, run["plateau_start_s"], run["plateau_end_s"])
+    ends = (run["start_time_s"], np.fmin(peak, plateau), plateau, run["plateau_end_s"])
     begin = curves["time_s"][rows].min()
     for (name, colour, hatch), end in zip(PHASES, ends, strict=True):
         if end > begin:
@@ -153,9 +156,9 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     sliding, se = run["mu_sliding"], run["mu_sliding_se"]
     label = f"sliding {sliding:.4f}" + (f" ± {se:.2g}" if np.isfinite(se) else "")
     below.axhline(sliding, color=charts.MEASURED, ls="--", lw=1.2, label=label)
-    label = f"peak before sliding {run['mu_sticking']:.4f}"
     if np.isfinite([peak, run["mu_sticking"]]).all():
-        below.plot(peak, run["mu_sticking"], "v", color=charts.SIMULATED, ms=7, label=label)
+        look = {"color": charts.SIMULATED, "label": f"peak before sliding {run['mu_sticking']:.4f}"}
+        below.plot(peak, run["mu_sticking"], "v", ms=7, **look)
     mu = curves["mu"][rows]
     if np.isfinite(mu).any():  # spikes must not flatten the curve
         low, high = np.fmax(np.nanpercentile(mu, [0.5, 99.5]), (-np.inf, sliding))
@@ -223,10 +226,6 @@ def over_force(
         axes.plot([], [], color=charts.FAINT, label=f"arc {class_name(arc[rows], '°')}", **own)
 
 
-def _chosen(sheet: Sheet, rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: values[rows] for name, values in sheet.columns.items()}
-
-
 def _columns(rows: Sequence[Mapping[str, Any]], nothing: str) -> dict[str, np.ndarray]:
     """Return the columns of a further table; it is not drawn if it is empty."""
     if not rows:
@@ -287,10 +286,8 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 
     surface = sheet.surface
     f, v, mu = sampled(sheet, 81, 61)
-    low, high = float(mu.min()), float(mu.max())
-    if high - low < 1e-6 * high:
-        low, high = 0.99 * low, 1.01 * high
-    levels = MaxNLocator(LEVELS).tick_values(low, high)
+    wider = 0.01 * (np.ptp(mu) < 1e-6 * mu.max())  # of a constant
+    levels = MaxNLocator(LEVELS).tick_values((1 - wider) * mu.min(), (1 + wider) * mu.max())
     filled = axes.contourf(f, v, mu.T, levels=levels, cmap=charts.ORDERED)
     lines = axes.contour(f, v, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
     axes.clabel(lines, fontsize=10, fmt="%g")
@@ -308,8 +305,8 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.margins(0.04)
     axes.grid(False)
     axes.figure.colorbar(filled, ax=axes, label=axis("mu"))
-    wider = " The box is wider than the circles: local forces in the contact exceed the mean."
-    return "Beyond the box the nearest µ is used." + wider * (sheet.name == "surface_refined")
+    inferred = " The box is wider than the circles: local forces in the contact exceed the mean."
+    return "Beyond the box the nearest µ is used." + inferred * (sheet.name == "surface_refined")
 
 
 @chart(
@@ -336,8 +333,8 @@ def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tu
     surfaces = [(belt.belt, best.surface) for belt in belts if (best := belt.get(*SURFACES))]
     if not surfaces:
         raise NotDrawn("no folder has a surface.parquet")
-    ends = np.array([getattr(surface, across)[[0, -1]] for _, surface in surfaces])
-    low, high = ends[:, 0].max(), ends[:, 1].min()
+    low = max(getattr(surface, across)[0] for _, surface in surfaces)
+    high = min(getattr(surface, across)[-1] for _, surface in surfaces)
     value = np.sqrt(low * high) if low > 0.0 else 0.5 * high
     for i, (belt, surface) in enumerate(surfaces):
         x = getattr(surface, along)
@@ -439,8 +436,7 @@ def _budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     rows = [row for row in rows if row["quantity"] == rows[0]["quantity"]]
     rows.sort(key=lambda row: -float(row["contribution_percent"] or 0.0))
     total = [row for row in rows if row["source"] == "combined"][:1]
-    single = [row for row in rows if row["source"] != "combined"]
-    shown, worst = single[:MOST_SOURCES] + total, ""
+    shown, worst = [row for row in rows if row not in total][:MOST_SOURCES] + total, ""
     axes.figure.set_figheight(1.3 + 0.32 * max(len(shown), 2))
     for k, row in enumerate(shown):
         size = float(row["contribution_percent"] or 0.0)

@@ -22,9 +22,10 @@ from beltid.report.results import (
     Sheet,
     Verdict,
     conditions,
+    main_results,
     verdict_of,
 )
-from beltid.report.summary import Table, sentence, table
+from beltid.report.summary import Table, fact, sentence, table
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
@@ -73,6 +74,7 @@ class Page(NamedTuple):
     synthetic: bool
     made_from: str
     verdict: Verdict | None = None
+    results: Sequence[tuple[str, str]] = ()
     conditions: Sequence[tuple[str, str]] = ()
 
 
@@ -136,7 +138,11 @@ SECTIONS: Final = (
     Section("set-aside", "Set aside, and why"),
     Section("provenance", "Provenance", "The same inputs and settings give the same files."),
 )
-# columns of the table of belts
+# main results at the head of a report, and in the table of belts
+HEAD: Final = (
+    "k_linear_N_m2 k_linear_u_N_m2 k_quadratic_N_m3 k_quadratic_u_N_m3 mu_range runs_used "
+    "runs_set_aside predicted_speed_loss"
+)
 BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
@@ -159,8 +165,10 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             tables = [tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets]
             shown = {"tables": tables, "notes": _notes(results.every(*section.notes_of))}
             sections.append(section.filled(results, **shown | own.get(section.key, {})))
-    synthetic, title = results.origin == "synthetic", f"Belt {results.belt}"
-    return Page(title, sections, synthetic, made_from, verdict, conditions(results))
+    synthetic, row = results.origin == "synthetic", main_results(results)
+    head = [fact(name, row[name]) for name in HEAD.split() if row.get(name) is not None]
+    of = (verdict, head, conditions(results))
+    return Page(f"Belt {results.belt}", sections, synthetic, made_from, *of)
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
@@ -188,30 +196,12 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         folded=False,
     ).filled(
         belts,
-        tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
+        tables=[table("Results", [main_results(belt) for belt in belts], BELTS.split())],
         notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
         links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
     title = "Belts " + ", ".join(belt.belt for belt in belts)
     return Page(title, [section], any(belt.origin == "synthetic" for belt in belts), made_from)
-
-
-def _row(belt: BeltResults) -> dict[str, Any]:
-    row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
-    if stiffness := belt.get("stiffness"):
-        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
-    if friction := belt.get("friction"):
-        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
-    if best := belt.get(*SURFACES):
-        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
-        row["mu_range"] = [float(mu.min()), float(mu.max())]
-        row["measured_force_N_m"] = best.measured_force
-        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
-        row["mu_u_percent"] = best.combined_percent
-    for sheet in belt.every(HELD_OUT, *COMPARED):
-        name = LABELS.get(sheet.name, "predicted")
-        row[f"{name}_rms_percent"] = f"{sheet.judged} {sheet.rms_percent}"
-    return row
 
 
 def tabulated(sheet: Sheet, name: str) -> Table | None:

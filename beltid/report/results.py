@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -12,7 +12,7 @@ from beltid.errors import percent
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import between, cell, scientific, sentence
+from beltid.report.summary import between, cell, sentence
 from beltid.store.artifact import Artifact, combined_origin
 
 if TYPE_CHECKING:
@@ -24,9 +24,8 @@ SIMULATED: Final = ("simulated_refined", "simulated")
 COMPARED: Final = ("compare_refined", "compare")
 # artifact -> the surface that it is, or was simulated with; the refined one first
 LABELS: Final = {
-    name: ("refined", "published")[k]
-    for names in (SURFACES, SIMULATED, COMPARED)
-    for k, name in enumerate(names)
+    name: "refined" if name.endswith("refined") else "published"
+    for name in (*SURFACES, *SIMULATED, *COMPARED)
 }
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
 SAME: Final = 0.03  # relative distance within which two values count as one setting
@@ -109,11 +108,6 @@ class Sheet(Artifact):
         """Whether a comparison failed only because it has too few runs."""
         missed = [row["tolerance"] for row in self.rows("judged") if not row["holds"]]
         return missed == ["min_share_compared"]
-
-    @property
-    def judged(self) -> str:
-        """PASS or FAIL, of a comparison."""
-        return "PASS" if self.record.passed else "FAIL"
 
     @property
     def rms_percent(self) -> str:
@@ -222,12 +216,11 @@ def load_name(friction: Sheet) -> str:
 
 
 class Verdict(NamedTuple):
-    """Head of a report."""
+    """Head of a report: whether the law is proven, and the limits of trust."""
 
     headline: str
     state: str  # "good", "bad" (out of tolerance) or "open"
-    results: tuple[tuple[str, str], ...]  # the main ones, each with its name
-    trust: tuple[str, ...]  # limits of trust
+    trust: list[str]
 
 
 def verdict_of(results: BeltResults) -> Verdict:
@@ -236,10 +229,11 @@ def verdict_of(results: BeltResults) -> Verdict:
     decisive, said = compared[:1], list[str]()
     if predicted:
         decisive.append(predicted)
+        left_out, over_u = LEFT_OUT[predicted.facts["hold_out"]], predicted.over_uncertainty
+        ratio = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
         said.append(
-            f"friction of {LEFT_OUT[predicted.facts['hold_out']]} that was left out is predicted "
-            f"to {predicted.rms_percent} % RMS{_over_u(predicted.over_uncertainty)} "
-            f"({_within(predicted)})"
+            f"friction of {left_out} that was left out is predicted to {predicted.rms_percent} % "
+            f"RMS{ratio} ({_within(predicted)})"
         )
     if compared:
         misses = [f"the {of.label} by {of.rms_percent} % RMS ({_within(of)})" for of in compared]
@@ -255,11 +249,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
     if results.failures:
         headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
-
-
-def _over_u(ratio: float | None) -> str:
-    return "" if ratio is None else f", {ratio:.2g} standard uncertainties"
+    return Verdict(headline, state, list(_trust(results)))
 
 
 def _within(sheet: Sheet) -> str:
@@ -271,23 +261,18 @@ def _within(sheet: Sheet) -> str:
 
 def _missing_evidence(results: BeltResults) -> Iterator[str]:
     """Yield what prevents results that agree from counting as proven."""
+    own, left_out = results.get("compare_refined"), results.prediction
     for sheet, without, misses in (
-        (
-            results.get("compare_refined"),
-            "no refined surface was compared",
-            "the refined surface misses its own runs by",
-        ),
-        (results.prediction, "no runs were left out and predicted", "the predictions miss by"),
+        (own, "no refined surface was compared", "the refined surface misses its own runs by"),
+        (left_out, "no runs were left out and predicted", "the predictions miss by"),
     ):
         if sheet is None:
             yield without
         elif sheet.too_few_compared:
             yield _within(sheet)
         elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
-            yield (
-                f"{misses} {sheet.over_uncertainty:.2g} of their standard uncertainties, at most "
-                f"{MOST_UNCERTAINTIES:g} allowed"
-            )
+            u = f"{sheet.over_uncertainty:.2g} of their standard uncertainties"
+            yield f"{misses} {u}, at most {MOST_UNCERTAINTIES:g} allowed"
     if friction := results.get("friction"):
         for setting, column, enough in (
             ("contact arc", "arc_deg", 2),
@@ -308,36 +293,26 @@ def _distinct(values: np.ndarray) -> int:
     return count
 
 
-def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
-    """Yield the main results that there are, besides those of the headline."""
+def main_results(results: BeltResults) -> dict[str, Any]:
+    """Return the main results of a belt by name, those that there are."""
+    row: dict[str, Any] = {"belt": results.belt, "data": results.origin}
     if stiffness := results.get("stiffness"):
-        yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
-    if best := results.get(*SURFACES):
-        mu, name = best.surface.mu_nodes, LABELS.get(best.name, "published")
-        yield f"Friction surface, {name}", f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
-    if drive := results.get("compare_drive"):
-        rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
-        error = cell("rms_percent", None if rms is None else 100.0 * rms)
-        points = f"{cell('n', drive.facts.get('points_judged'))} points"
-        said = f"{drive.judged} {error} % RMS{_over_u(ratio)}, {points}"
-        yield "Speed loss of the drive, predicted", said
+        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
     if friction := results.get("friction"):
-        good = int(np.count_nonzero(friction["status"] == "ok"))
-        yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
-
-
-def _normal_contact(stiffness: Sheet) -> str:
-    row = stiffness.pooled_row
-    law = stiffness.law(row)
-    said = "errors of the coefficients unknown"
-    for of, label in (("se", "standard error"), ("u", "standard uncertainty")):
-        first = stiffness[f"k_linear_{of}_N_m2"][row] / law.k_linear_N_m2
-        second = stiffness[f"k_quadratic_{of}_N_m3"][row] / max(law.k_quadratic_N_m3, 1e-300)
-        if np.isfinite([first, second]).all():
-            said = f"± {percent(100.0 * first)}, ± {percent(100.0 * second)} ({label})"
-    depth, force = (float(stiffness[f"max_{of}"][row]) for of in ("penetration_m", "force_N_m"))
-    formula = f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²"
-    return f"{formula}, {said}; up to {1e6 * depth:.3g} µm, {_forces([force])}"
+        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
+        row["runs_set_aside"] = friction["status"].size - row["runs_used"]
+    if best := results.get(*SURFACES):
+        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
+        row["mu_range"] = [float(mu.min()), float(mu.max())]
+        row["measured_force_N_m"] = best.measured_force
+        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
+        row["mu_u_percent"] = best.combined_percent
+    for sheet in results.every(HELD_OUT, *COMPARED):
+        name, word = LABELS.get(sheet.name, "predicted"), "PASS" if sheet.record.passed else "FAIL"
+        row[f"{name}_rms_percent"] = f"{word} {sheet.rms_percent}"
+    if drive := results.get("compare_drive"):
+        row["predicted_speed_loss"] = drive.record.verdict
+    return row
 
 
 def _trust(results: BeltResults) -> Iterator[str]:
@@ -404,8 +379,8 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Contact arcs", _settings(friction["arc_deg"], "°")),
             (load, _settings(friction["nominal_tension_N"], " N")),
             ("Sliding speeds v", _settings(speeds, " mm/s")),
-            ("Surface", _stated(friction, "condition")),
-            ("Side of the belt", _stated(friction, "side")),
+            ("Surface", _joined(friction.columns.get("condition", ()))),
+            ("Side of the belt", _joined(friction.columns.get("side", ()))),
             ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
         ]
     if stiffness := results.get("stiffness"):
@@ -414,14 +389,12 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
             ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
         ]
-    configs = {sheet.record.config for sheet in results.sheets.values()}
-    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
+    lines.append(("Config", _joined(sheet.record.config for sheet in results.sheets.values())))
     return [(name, value) for name, value in lines if value]
 
 
-def _stated(friction: Sheet, column: str) -> str:
-    values = friction.columns.get(column, ())
-    return ", ".join(sorted({str(value) for value in values if value is not None}))
+def _joined(texts: Iterable[str]) -> str:
+    return ", ".join(sorted(set(filter(None, texts))))
 
 
 def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
