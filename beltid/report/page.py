@@ -1,31 +1,23 @@
-"""The pages: the report of one belt, and several belts side by side; each one file of HTML."""
+"""The pages: the report of one belt, and several belts side by side; each one file of HTML.
+
+The template is the page, from top to bottom; this module gives it its tables, notes and tiles.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from beltid._version import __version__
-from beltid.errors import printable
+from beltid.errors import percent, printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
 from beltid.report.charts import CHARTS, inline_svg
-from beltid.report.results import (
-    COMPARED,
-    HELD_OUT,
-    LABELS,
-    SURFACES,
-    BeltResults,
-    Sheet,
-    Verdict,
-    conditions,
-    main_results,
-    verdict_of,
-)
-from beltid.report.summary import Table, fact, sentence, table
+from beltid.report.results import LABELS, BeltResults, Sheet, conditions, main_results, verdict_of
+from beltid.report.summary import Table, between, cell, fact, sentence, table
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
@@ -38,106 +30,6 @@ SYMBOLS: Final = {
     "se": "standard error",
     "u": "uncertainty",
 }
-SHORT_HASH: Final = 12
-WIDTH, HEIGHT = 200.0, 80.0  # of a tile
-MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, for spikes
-
-
-class Section(NamedTuple):
-    """A part of the page: what it shall show. What is `folded` is left out on paper.
-
-    That is its charts, its tables (artifact and further table, "" for its columns), and the notes
-    of some artifacts.
-    """
-
-    key: str
-    title: str
-    lead: str = ""
-    charts: str = ""
-    tabulates: Sequence[tuple[str, str]] = ()
-    notes_of: Sequence[str] = ()
-    folded: bool = True
-
-    def filled(self, results: Any, **own: Any) -> dict[str, Any]:
-        """Return the section with its pictures, and what else it shows."""
-        drawn = [
-            picture for key in self.charts.split() for picture in CHARTS[key].pictures(results)
-        ]
-        return {**self._asdict(), "pictures": drawn, "tables": (), "notes": (), **own}
-
-
-class Page(NamedTuple):
-    """A page: its title and sections, the hash of all that it was made from, and its head."""
-
-    title: str
-    sections: Sequence[dict[str, Any]]
-    synthetic: bool
-    made_from: str
-    verdict: Verdict | None = None
-    results: Sequence[tuple[str, str]] = ()
-    conditions: Sequence[tuple[str, str]] = ()
-
-
-BUDGET: Final = (
-    "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
-    "config, section uncertainty."
-)
-HAVE_BUDGETS: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
-SECTIONS: Final = (
-    Section(
-        "surface",
-        "The friction law",
-        "µ over normal force per length and sliding speed. With the refined surface the simulated "
-        "rig gives the measured tensions; the published one averages the runs at their mean force.",
-        "map-{name} cuts surface-space",
-        folded=False,
-    ),
-    Section(
-        "stiffness",
-        "The normal contact law",
-        charts="press-law",
-        tabulates=[("stiffness", "")],
-        folded=False,
-    ),
-    Section(
-        "proof",
-        "The proof: the rig, simulated",
-        "Every run repeated on a simulated copy of the rig; both recordings go through the same "
-        "reduction. What was left out comes first.",
-        "averaged:{name}",
-        [(name, "groups") for name in (HELD_OUT, *COMPARED)],
-        folded=False,
-    ),
-    Section("trust", "How far to trust it", folded=False),
-    Section(
-        "drive",
-        "The belt drive, predicted",
-        "From the identified laws; nothing was fitted to the speed-loss bench.",
-        "comparison drawing loss",
-        folded=False,
-    ),
-    Section(
-        "friction",
-        "Friction of every run",
-        "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
-        "friction run arc simulated:{name}",
-        [("friction", ""), *((of, rows) for rows in ("nodes", "effects") for of in SURFACES)],
-        ("friction", *SURFACES, *COMPARED, HELD_OUT),
-    ),
-    Section("press", "The press and temperature", "", "press-temperature", notes_of=["stiffness"]),
-    Section("slip", "Sliding in service", "", "slip", notes_of=["slip"]),
-    Section("differences", "Differences run by run", charts="differences"),
-    Section("forces", "Forces of the drive", "", "", [("drive", "")], ["drive", "compare_drive"]),
-    Section(
-        "uncertainty",
-        "Uncertainty budget",
-        BUDGET,
-        "budget-{name}",
-        [(name, "budget") for name in HAVE_BUDGETS],
-    ),
-    Section("set-aside", "Set aside, and why"),
-    Section("provenance", "Provenance", "The same inputs and settings give the same files."),
-)
 # main results at the head of a report, and in the table of belts
 HEAD: Final = (
     "k_linear_N_m2 k_linear_u_N_m2 k_quadratic_N_m3 k_quadratic_u_N_m3 mu_range runs_used "
@@ -147,28 +39,73 @@ BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
 )
+SHORT_HASH: Final = 12
+WIDTH, HEIGHT = 200.0, 80.0  # of a tile
+MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, for spikes
 
 
-def belt_page(results: BeltResults, made_from: str) -> Page:
-    """Compose the page of a belt, made from inputs of this hash; it tells what is missing."""
-    verdict, sheets = verdict_of(results), results.sheets
-    missing = [f"Missing, damaged or not shown: {line}" for line in results.problems]
-    own: dict[str, dict[str, Any]] = {
-        "trust": {"notes": verdict.trust},
-        "friction": {"tiles": list(tiles(results))},
-        "set-aside": {"tables": [set_aside(results)]},
-        "provenance": {"tables": [provenance(results)], "notes": missing},
+def belt_page(results: BeltResults, made_from: str) -> str:
+    """Write the page of a belt, made from inputs of this hash; it tells what is missing."""
+    row = main_results(results)
+    return _rendered(
+        made_from,
+        f"Belt {results.belt}",
+        [results],
+        results=results,
+        verdict=verdict_of(results),
+        main_results=[fact(name, row[name]) for name in HEAD.split() if row.get(name) is not None],
+        conditions=conditions(results),
+        tiles=list(tiles(results)),
+        set_aside=set_aside(results),
+        provenance=provenance(results),
+    )
+
+
+def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> str:
+    """Write the page that compares belts, with links to the report of each."""
+    rows = [main_results(belt) for belt in belts]
+    title = "Belts " + ", ".join(belt.belt for belt in belts)
+    compared = table("Results", rows, BELTS.split())
+    return _rendered(made_from, title, belts, results=belts, compared=compared, links=links)
+
+
+def _rendered(made_from: str, title: str, belts: Sequence[BeltResults], **more: Any) -> str:
+    """Fill the template; unprintable characters in texts from files are escaped.
+
+    The page needs no network and has no scripts; the same content gives the same bytes.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        # Markup is this program's
+        finalize=lambda value: printable(value) if type(value) is str else value,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
+    environment.filters |= {
+        "sentence": sentence,
+        "percent": percent,
+        "forces": _forces,
+        "symbols": lambda head: words.sub(lambda found: SYMBOLS[found[0]], head),
+        "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
+        "tabulated": tabulated,
+        "notes": _notes,
     }
-    sections = []
-    for section in SECTIONS:
-        if section.key not in ("drive", "forces") or results.get("drive"):
-            tables = [tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets]
-            shown = {"tables": tables, "notes": _notes(results.every(*section.notes_of))}
-            sections.append(section.filled(results, **shown | own.get(section.key, {})))
-    synthetic, row = results.origin == "synthetic", main_results(results)
-    head = [fact(name, row[name]) for name in HEAD.split() if row.get(name) is not None]
-    of = (verdict, head, conditions(results))
-    return Page(f"Belt {results.belt}", sections, synthetic, made_from, *of)
+    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
+    about = {"css": css, "version": __version__, "made_from": made_from, "title": title}
+    template = environment.get_template("page.html.j2")
+    return template.render(**about, belts=belts, charts=CHARTS, **more) + "\n"
+
+
+def _forces(values: Sequence[float] | np.ndarray) -> str:
+    """Format a range of forces per length with four digits, never as a power of ten."""
+    ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
+    return f"{between(*ends)} N/m"
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
@@ -183,25 +120,6 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
         for line, of in lines.items()
     ]
     return sorted(notes, key=lambda line: "Warning: " not in line)
-
-
-def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
-    """Compose the page that compares belts, with links to the report of each."""
-    section = Section(
-        "belts",
-        "The belts",
-        "Identified parameters of each belt, and the difference between the rig simulated with "
-        "them and the bench.",
-        "belts-force belts-speed",
-        folded=False,
-    ).filled(
-        belts,
-        tables=[table("Results", [main_results(belt) for belt in belts], BELTS.split())],
-        notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
-        links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
-    )
-    title = "Belts " + ", ".join(belt.belt for belt in belts)
-    return Page(title, [section], any(belt.origin == "synthetic" for belt in belts), made_from)
 
 
 def tabulated(sheet: Sheet, name: str) -> Table | None:
@@ -282,30 +200,3 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
             "path": "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points),
             "level": HEIGHT * (1.0 - mu / highest),
         }
-
-
-def rendered(page: Page) -> str:
-    """Render the page as HTML; unprintable characters in texts from files are escaped.
-
-    It needs no network and has no scripts; the same page gives the same bytes.
-    """
-    from jinja2 import Environment, FileSystemLoader
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        # Markup is this program's
-        finalize=lambda value: printable(value) if type(value) is str else value,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
-    environment.filters |= {
-        "sentence": sentence,
-        "symbols": lambda head: words.sub(lambda found: SYMBOLS[found[0]], head),
-        "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
-    }
-    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    template = environment.get_template("page.html.j2")
-    return template.render(page=page, css=css, version=__version__) + "\n"

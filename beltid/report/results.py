@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from beltid.errors import percent
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import between, cell, sentence
+from beltid.report.summary import cell, sentence
 from beltid.store.artifact import Artifact, combined_origin
 
 if TYPE_CHECKING:
@@ -216,11 +215,10 @@ def load_name(friction: Sheet) -> str:
 
 
 class Verdict(NamedTuple):
-    """Head of a report: whether the law is proven, and the limits of trust."""
+    """Whether the law is proven."""
 
     headline: str
     state: str  # "good", "bad" (out of tolerance) or "open"
-    trust: list[str]
 
 
 def verdict_of(results: BeltResults) -> Verdict:
@@ -249,7 +247,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
     if results.failures:
         headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, list(_trust(results)))
+    return Verdict(headline, state)
 
 
 def _within(sheet: Sheet) -> str:
@@ -313,54 +311,6 @@ def main_results(results: BeltResults) -> dict[str, Any]:
     if drive := results.get("compare_drive"):
         row["predicted_speed_loss"] = drive.record.verdict
     return row
-
-
-def _trust(results: BeltResults) -> Iterator[str]:
-    """Yield up to four limits: what was measured, what lies beyond, the proof, the uncertainty."""
-    sheet = results.get(*SURFACES)
-    if results.origin is None:
-        yield "It is not stated whether the data are measured or synthetic (data.origin)."
-    if sheet is None:
-        return
-    forces, v = sheet.surface.normal_force_N_m, 1e3 * sheet.surface.slip_speed_m_s
-    speeds = f"{'at' if v[0] == v[-1] else 'from'} {between(f'{v[0]:.3g}', f'{v[-1]:.3g}')} mm/s"
-    inferred = (
-        f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that act "
-        "within the contact of these runs."
-    )
-    if sheet.measured_force is None:
-        yield f"µ is given from {_forces(forces)} and {speeds}."
-    else:
-        measured = f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}."
-        yield measured + inferred * (sheet.name == "surface_refined")
-    beyond = "Outside, the nearest µ is taken; friction is never extrapolated."
-    if stiffness := results.get("stiffness"):
-        pressed = stiffness["max_force_N_m"][stiffness.pooled_row]
-        if pressed < forces[-1]:
-            where = f"{_forces([pressed])}, where the press ended"
-            beyond += f" Extrapolated: the normal law beyond {where}."
-    yield beyond
-    if results.get("compare_refined") is not None:
-        runs = "the runs that were" if results.prediction else "only runs that are"
-        yield (
-            "The refined surface was fitted to these runs: its agreement shows how well the model "
-            f"fits them; {runs} left out show how well it predicts others."
-        )
-    total = sheet.combined_percent
-    parts = [row for row in sheet.rows("budget") if row["source"] != "combined"]
-    if total is not None and parts:
-        largest = max(parts, key=lambda row: row["contribution_percent"] or 0.0)
-        share = percent(largest["contribution_percent"] or 0.0)
-        yield (
-            f"The combined standard uncertainty of µ is {percent(total)} within the range of the "
-            f"runs, mostly from: {largest['source']} ({share}, {largest['basis']})."
-        )
-
-
-def _forces(values: Sequence[float] | np.ndarray) -> str:
-    """Format a range of forces per length with four digits, never as a power of ten."""
-    ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
-    return f"{between(*ends)} N/m"
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ import numpy as np
 from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
-from beltid.report.page import belt_page, belts_page, rendered
+from beltid.report.page import belt_page, belts_page
 from beltid.report.results import BeltResults, Sheet, verdict_of
 from beltid.report.summary import Summary
 from beltid.rig.runs import SimulationSettings, simulate
@@ -73,13 +73,11 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*result.problems, *problems]
             results = [replace(result, profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        text = sealed(rendered(page)).encode()
-        write_bytes(out, text)
-        drawn = [picture.figure is not None for of in page.sections for picture in of["pictures"]]
+        write_bytes(out, sealed(page).encode())
         facts = {
-            "figures": drawn.count(True),
-            "figures_missing": drawn.count(False),
-            "size_kB": len(text) / 1000.0,
+            "figures": page.count("<figure "),
+            "figures_missing": page.count('<p class="absent">'),
+            "size_kB": out.stat().st_size / 1000.0,
         }
     origins = {result.origin for result in results}
     mixed = len(origins) > 1
