@@ -88,9 +88,9 @@ class Outcome(Generic[Result]):
             If there is no such figure; the message lists those that exist.
         """
         from beltid.report.charts import pictures_of
-        from beltid.report.results import sheet_of
+        from beltid.report.results import Sheet
 
-        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.as_artifact()))}
+        figures = {p.key: p.figure for p in pictures_of(Sheet.of(self.as_artifact()))}
         name = figure or next(iter(figures), "")
         if name not in figures:
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")

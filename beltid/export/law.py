@@ -6,7 +6,6 @@ identified one. To use an edited law, remove the key ``content_sha256``.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -32,6 +31,7 @@ from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.store.artifact import Origin, plain
+from beltid.store.disk import sha256
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
@@ -40,6 +40,8 @@ SEAL: Final = "content_sha256"
 SUFFIX: Final = ".beltlaw.json"
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+FolderName = Annotated[str, Field(pattern=f"^{FOLDER_NAME}$"), BeforeValidator(folder_name)]
+Words = Annotated[str, Field(pattern=f"^{PLAIN_WORDS}$"), BeforeValidator(plain_words)]
 Size = PositiveFloat | None
 Error = NonNegativeFloat | None
 Range = tuple[NonNegativeFloat, NonNegativeFloat] | None
@@ -66,12 +68,8 @@ def part_of(part: type[Part], values: Mapping[str, Any]) -> Any:
 class BeltFacts(Part):
     """The belt that the law was identified with."""
 
-    name: Annotated[str, BeforeValidator(folder_name)] = field(
-        "name of the belt; files are named by it", pattern=f"^{FOLDER_NAME}$"
-    )
-    type: Annotated[str, Field(pattern=f"^{PLAIN_WORDS}$"), BeforeValidator(plain_words)] | None = (
-        field("type, such as 5PK", None)
-    )
+    name: FolderName = field("name of the belt; files are named by it")
+    type: Words | None = field("type, such as 5PK", None)
     ribs: int | None = field("number of ribs", None, ge=1)
     width_m: Size = field("width of the ribbed side [m]", None)
     axial_stiffness_N: Size = field("EA [N]", None)
@@ -92,7 +90,7 @@ class NormalPart(Part):
     k_linear_se_N_m2: Error = field("standard error [N/m²]", None)
     k_quadratic_se_N_m3: Error = field("standard error [N/m³]", None)
     covariance: tuple[tuple[float, float], tuple[float, float]] | None = field(
-        "covariance of (k_linear, k_quadratic) [N²/m⁴, N²/m⁵; N²/m⁵, N²/m⁶]", None
+        "of (k_linear, k_quadratic) [N²/m⁴, N²/m⁵; N²/m⁵, N²/m⁶]", None
     )
     rms_residual_N_m: Error = field("of the fit [N/m]", None)
     hysteresis_ratio: Error = field("energy lost over energy put in, per load cycle [-]", None)
@@ -112,7 +110,8 @@ class FrictionPart(Part):
 
     Outside the nodes the value of the nearest node applies; mu is even in v. In cell i, j
     mu = sum_ab patches[i][j][a][b] s^a t^b, with s = (x - x_nodes[i])/(x_nodes[i+1] - x_nodes[i])
-    and t likewise with y_nodes[j].
+    and t likewise with y_nodes[j]. The peak before sliding grows with the time at rest and is not
+    part of mu.
     """
 
     method: str = field("refined (rig simulated) or published (Eqs. 6 and 8)")
@@ -130,11 +129,7 @@ class FrictionPart(Part):
         "rows S of the nodes: the covariance of ln mu at two nodes is the product of theirs", None
     )
     sources: tuple[str, ...] = field("of the first columns of factor; the others are scatter", ())
-    sticking_ratio: Size = field(
-        "peak before sliding over the sliding coefficient, mean of the runs; it grows with the "
-        "time at rest and is not part of mu",
-        None,
-    )
+    sticking_ratio: Size = field("peak before sliding over mu, mean of the runs", None)
     sticking_ratio_sd: Error = field("its standard deviation between runs", None)
     x_nodes: Row = field("ln(1 + f_N/f_ref_N_m) of the force nodes [-]")
     y_nodes: Row = field("ln(1 + v/v_ref_m_s) of the speed nodes [-]")
@@ -235,19 +230,16 @@ def friction_part(surface: FrictionSurface, method: str, **more: Any) -> Frictio
     """Build the friction part of a law from its surface with its covariance, and other fields."""
     tables, factor = surface.tables(), surface.factor
     values = {
+        **{name: getattr(surface, name) for name in ("normal_force_N_m", "slip_speed_m_s")},
         "method": method,
-        "normal_force_N_m": surface.normal_force_N_m,
-        "slip_speed_m_s": surface.slip_speed_m_s,
         "mu": surface.mu_nodes,
         "mu_u": None if factor is None else surface.mu_nodes * np.linalg.norm(factor, axis=2),
         "mu_se": surface.mu_se_nodes,
         "factor": factor,
         "sources": surface.sources,
-        "x_nodes": tables.x_nodes,
-        "y_nodes": tables.y_nodes,
-        "f_ref_N_m": tables.f_ref,
-        "v_ref_m_s": tables.v_ref,
-        "patches": tables.C,
+        **dict(
+            zip(("x_nodes", "y_nodes", "f_ref_N_m", "v_ref_m_s", "patches"), tables, strict=True)
+        ),
     }
     return FrictionPart.model_validate(plain({**values, **more}))
 
@@ -271,13 +263,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"{name}: not a contact law: not valid JSON ({error})") from None
     if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise ArtifactError(
-            f'{name}: not a contact law: the key "format" must be "{FORMAT}"; '
-            "`beltid export json` writes one"
-        )
-    if values.get("version") != VERSION:
-        found = f"version = {values.get('version')!r}"
-        raise ArtifactError(f"{name}: {found}, this beltid reads version {VERSION}")
+        needed = f'the key "format" must be "{FORMAT}"; `beltid export json` writes one'
+        raise ArtifactError(f"{name}: not a contact law: {needed}")
     seal = values.pop(SEAL, None)
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
@@ -305,16 +292,15 @@ def validation_problems(error: ValidationError, name: str) -> list[str]:
 
 def schema() -> dict[str, Any]:
     """Build the JSON Schema (2020-12) of the file."""
-    generated = ContactLaw.model_json_schema(mode="validation")
+    generated = ContactLaw.model_json_schema()
+    seal = (
+        "SHA-256 of all other keys as JSON with sorted keys and no spaces (without $schema); "
+        "remove this key after editing the file by hand"
+    )
     generated["properties"] = {
         "$schema": {"const": SCHEMA_ID, "description": "schema of this file"},
         **generated["properties"],
-        SEAL: {
-            "type": "string",
-            "pattern": "^[0-9a-f]{64}$",
-            "description": "SHA-256 of all other keys as JSON with sorted keys and no spaces "
-            "(without $schema); remove this key after editing the file by hand",
-        },
+        SEAL: {"type": "string", "pattern": "^[0-9a-f]{64}$", "description": seal},
     }
     generated["required"] = ["format", "version", *generated["required"]]
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID}
@@ -322,9 +308,7 @@ def schema() -> dict[str, Any]:
 
 
 def _seal(values: dict[str, Any]) -> str:
-    return hashlib.sha256(
-        json.dumps(values, sort_keys=True, separators=(",", ":")).encode()
-    ).hexdigest()
+    return sha256(json.dumps(values, sort_keys=True, separators=(",", ":")).encode())
 
 
 def _indented(values: dict[str, Any]) -> str:

@@ -14,7 +14,6 @@ import io
 import math
 import re
 import textwrap
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError, percent
 from beltid.export.law import ContactLaw, law_text
+from beltid.laws.bicubic import log_nodes
 from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
@@ -148,19 +148,13 @@ def friction_table(surface: FrictionSurface) -> tuple[Array, Array, Array, Devia
     return f, v, mu, deviation
 
 
-def press_end(law: ContactLaw) -> float:
-    """Return the largest line force of the press [N/m]; beyond, the normal law is extrapolated."""
-    pressed = law.validity.press_force_N_m
-    return math.inf if pressed is None else pressed[1]
-
-
 def penetration_nodes(law: ContactLaw) -> Array:
     """Space penetrations [m] evenly from 0 to at least that of the largest line force of the law.
 
     One node is at the end of the press test, so that no straight line joins measured and
     extrapolated values, unless that is within half a step of zero.
     """
-    end = press_end(law) if math.isfinite(press_end(law)) else 0.0
+    end = (law.validity.press_force_N_m or (0.0, 0.0))[1]
     deepest = float(law.normal_law.penetration(max(law.surface.normal_force_N_m[-1], end, 1.0)))
     measured = float(law.normal_law.penetration(end)) or deepest
     steps = round((PENETRATIONS - 1) * measured / deepest)
@@ -176,21 +170,18 @@ def _samples(surface: FrictionSurface) -> tuple[Array, Array]:
 
 def _even(nodes: Array, count: int) -> Array:
     """Space values evenly in the logarithmic coordinate from the first node to the last."""
+    x, reference = log_nodes(nodes)
     if nodes.size == 1:
         return nodes if nodes[0] > 0.0 else np.ones(1)
-    reference = nodes[nodes > 0.0][0]
-    first, *_, last = np.log1p(nodes / reference)
-    return np.clip(reference * np.expm1(np.linspace(first, last, count)), nodes[0], nodes[-1])
+    return np.clip(reference * np.expm1(np.linspace(x[0], x[-1], count)), nodes[0], nodes[-1])
 
 
 def _finer(nodes: Array, parts: int) -> Array:
     """Divide each interval between nodes into equal logarithmic parts; append up to `FEWEST`."""
-    reference = nodes[nodes > 0.0][0] if nodes[-1] > 0.0 else 1.0
-    x = np.log1p(nodes / reference)
-    cuts = [reference * np.expm1(a + (b - a) * np.arange(1, parts) / parts) for a, b in pairwise(x)]
-    finer = np.sort(np.concatenate([nodes, *cuts]))
-    appended = np.arange(1, FEWEST - finer.size + 1)
-    return np.concatenate([finer, (nodes[-1] or 1.0) * 2.0**appended])
+    x, reference = log_nodes(nodes)
+    cuts = x[:-1, None] + np.diff(x)[:, None] * np.arange(1, parts) / parts
+    finer = np.sort(np.r_[nodes, (reference * np.expm1(cuts)).ravel()])
+    return np.r_[finer, (nodes[-1] or 1.0) * 2.0 ** np.arange(1, FEWEST - finer.size + 1)]
 
 
 def _deviation(ratio: Array, *axes: Array) -> Deviation:
@@ -253,7 +244,8 @@ def _values(law: ContactLaw, target: str, point: ReferencePoint) -> dict[str, An
             f"{law.normal.k_quadratic_N_m3 * delta[1] ** 2 / 4:.2g} N/m. Straight lines of mu are "
             f"off by {deviation}."
         ),
-        "press_end": press_end(law),
+        # largest line force of the press [N/m]; beyond, the normal law is extrapolated
+        "press_end": (law.validity.press_force_N_m or (0.0, math.inf))[1],
         "point": point,
         "reductions": {name: reductions[name] for name in TARGETS[target].reduced},
         "hashes": {**law.provenance.artifacts, **law.provenance.recordings},
@@ -298,15 +290,15 @@ def _mat_file(values: dict[str, Any], readme: str) -> bytes:
     from scipy.io import savemat
 
     law, part = values["law"], values["friction"]
-    arrays = {"normal_force_N_m", "slip_speed_m_s", "mu", "mu_u", "mu_se"}
-    known = part.model_dump(include=arrays | {"x_nodes", "y_nodes", "patches"}, exclude_none=True)
-    content = {name: np.array(value, dtype=float) for name, value in known.items()} | {
+    names = {"normal_force_N_m", "slip_speed_m_s", "mu", "mu_u", "mu_se", "x_nodes", "y_nodes"}
+    known = part.model_dump(include=names | {"patches"}, exclude_none=True)
+    content = {
+        **{name: np.array(value, dtype=float) for name, value in known.items()},
         "readme": readme.rstrip("\n"),
         "origin": law.origin or "not stated",
         "method": part.method,
         "belt": law.belt.name,
-        "k_linear_N_m2": law.normal.k_linear_N_m2,
-        "k_quadratic_N_m3": law.normal.k_quadratic_N_m3,
+        **{name: getattr(law.normal, name) for name in ("k_linear_N_m2", "k_quadratic_N_m3")},
         "covariance": law.normal.covariance or np.full((2, 2), np.nan),
         "penetration_m": values["delta"],
         "force_N_m": values["line_force"],

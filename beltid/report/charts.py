@@ -12,8 +12,7 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -32,7 +31,6 @@ NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "png": {"Software": None},
 }
 WIDE: Final = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
-MOST_NAMED: Final = 12  # largest number of legend entries
 LONGEST_NAME: Final = 48  # characters per line of a legend entry
 LOW_LEGEND: Final = 0.9  # legend height that fits into a figure of the usual height [in]
 RESOLUTION: Final = 150  # of a PNG, dots per inch
@@ -98,18 +96,16 @@ class NotDrawn(Exception):
     """The data do not support a chart; the message says why."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A drawn chart: id within the page, title, caption."""
+class Picture(NamedTuple):
+    """A chart: id within the page, title, and caption, or without a figure why it is not drawn."""
 
     key: str
     title: str
     caption: str
-    figure: Figure
+    figure: Any = None  # of matplotlib
 
 
-@dataclass(frozen=True, slots=True)
-class Chart:
+class Chart(NamedTuple):
     """A registered chart; see `chart`."""
 
     key: str
@@ -117,36 +113,33 @@ class Chart:
     draw: Callable[..., str | tuple[str, str]]
     names: tuple[str, ...]
     once: bool = False
-    panels: Mapping[str, Any] | None = None
+    panels: Mapping[str, Any] = {}
 
-    def pictures(self, results: Any) -> list[Picture | str]:
-        """Draw the chart of every artifact that it is for, or say why not."""
+    def pictures(self, results: Any) -> list[Picture]:
+        """Draw the chart of every artifact that it is for."""
         if not self.names:
             return [self._picture("", results)]
-        present = [sheet for name in self.names if (sheet := results.get(name))]
-        if not present:
-            first = self.names[0]
-            return [f"{self._titled(first)}: there is no {first}.parquet"]
-        chosen = present[:1] if self.once else present
-        return [self._picture(sheet.name, sheet, results) for sheet in chosen]
+        present = results.every(*self.names)[: 1 if self.once else None]
+        absent = f"there is no {self.names[0]}.parquet"
+        return [self._picture(of.name, of, results) for of in present] or [
+            Picture(self.key, self._titled(self.names[0]), absent)
+        ]
 
-    def _picture(self, name: str, *data: Any) -> Picture | str:
+    def _picture(self, name: str, *data: Any) -> Picture:
         from matplotlib.figure import Figure
 
+        key, title = self.key.format(name=name).rpartition(":")[2], self._titled(name)
         with styled():
             fig = Figure(figsize=(WIDTH, HEIGHT))
-            axes: Any = fig.subplots(**(self.panels or {}))
             try:
-                said = self.draw(axes, *data)
+                said = self.draw(fig.subplots(**self.panels), *data)
             except NotDrawn as why:
-                return f"{self._titled(name)}: {why}"
-            title, caption = said if isinstance(said, tuple) else (self._titled(name), said)
+                return Picture(key, title, str(why))
             for each in fig.axes:
                 if each.get_xlabel() in (axis("normal_force"), axis("slip_speed")):
                     logarithmic(each, "x")
             legend_below(fig)
-        key = self.key.format(name=name).rpartition(":")[2]
-        return Picture(key, title, caption, fig)
+        return Picture(key, *((title, said) if isinstance(said, str) else said), fig)
 
     def _titled(self, name: str) -> str:
         return self.title.format(of=LABELS.get(name, name))
@@ -177,11 +170,11 @@ def pictures_of(sheet: Sheet) -> list[Picture]:
     from beltid.report import figures  # noqa: F401  (registers the charts)
 
     results = BeltResults(sheet.name, {sheet.name: sheet})
-    drawn = (chart.pictures(results) for chart in CHARTS.values() if sheet.name in chart.names)
-    found = [picture for each in drawn for picture in each if isinstance(picture, Picture)]
-    for picture in found if sheet.origin == "synthetic" else ():
+    charts = (chart for chart in CHARTS.values() if sheet.name in chart.names)
+    drawn = [picture for chart in charts for picture in chart.pictures(results) if picture.figure]
+    for picture in drawn if sheet.origin == "synthetic" else ():
         picture.figure.suptitle("synthetic data", fontsize=10)
-    return found
+    return drawn
 
 
 def draw(
@@ -236,16 +229,10 @@ def logarithmic(axes: Axes, along: str) -> None:
 
 
 def legend_below(fig: Figure) -> None:
-    """Add a legend of at most `MOST_NAMED` entries below the axes; a tall one enlarges a figure."""
-    from matplotlib.lines import Line2D
-
+    """Add a legend below the axes; a tall one enlarges the figure."""
     handles: dict[str, Any] = {}
     for axes in fig.axes:
         handles.update(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    if len(handles) > MOST_NAMED:
-        hidden = len(handles) - MOST_NAMED + 1
-        handles = dict(list(handles.items())[: MOST_NAMED - 1])
-        handles[f"and {hidden} more"] = Line2D([], [], linestyle="none")
     names = [textwrap.fill(name, LONGEST_NAME) for name in handles]
     for ncols in (3, 2, 1) if handles else ():
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
@@ -256,20 +243,15 @@ def legend_below(fig: Figure) -> None:
         legend.remove()
 
 
-def saved(fig: Figure, kind: str) -> bytes:
+def saved(fig: Figure, kind: str, **style: Any) -> bytes:
     """Save a figure as "svg", "png" or "pdf"; the same figure gives the same bytes."""
     buffer = io.BytesIO()
-    with styled():
-        _arrange(fig)
+    with styled(**style):
+        if engine := fig.get_layout_engine():  # once; matplotlib would arrange it in every pass
+            engine.execute(fig)
+            fig.set_layout_engine("none")
         fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
     return buffer.getvalue()
-
-
-def _arrange(fig: Figure) -> None:
-    """Arrange the parts of a figure once; matplotlib would repeat it in every pass."""
-    if engine := fig.get_layout_engine():
-        engine.execute(fig)
-        fig.set_layout_engine("none")
 
 
 def inline_svg(fig: Figure, key: str) -> str:
@@ -278,14 +260,8 @@ def inline_svg(fig: Figure, key: str) -> str:
     Ids within it begin with `key`, so that one page can contain several figures. It has a view box
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    buffer = io.StringIO()
-    with styled(**{"svg.fonttype": "none"}):
-        _arrange(fig)
-        # not savefig, which draws twice
-        FigureCanvasSVG(fig).print_svg(buffer, metadata=NO_DATES["svg"])
-    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", buffer.getvalue(), flags=re.S)
+    text = saved(fig, "svg", **{"svg.fonttype": "none"}).decode()
+    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.S)
     # round coordinates to an invisible hundredth of a point
     coordinates = re.compile(r'\b(d|x|y|points)="[^"]*"')
     text = coordinates.sub(lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)

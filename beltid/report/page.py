@@ -1,25 +1,27 @@
-"""The pages: the report of one belt, and several belts side by side; each one file of HTML."""
+"""The pages: the report of one belt, and several belts side by side; each one file of HTML.
+
+The template is the page, from top to bottom; this module gives it its tables, notes and tiles.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from beltid._version import __version__
-from beltid.errors import printable
+from beltid.errors import percent, printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
-from beltid.report.charts import CHARTS, Picture, inline_svg
-from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
-from beltid.report.summary import Table, sentence, table
-from beltid.report.verdict import Verdict, conditions, verdict_of
+from beltid.report.charts import CHARTS, inline_svg
+from beltid.report.results import LABELS, BeltResults, Sheet, conditions, main_results, verdict_of
+from beltid.report.summary import Table, between, cell, fact, sentence, table
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
+# words of a heading -> what the page calls them
 SYMBOLS: Final = {
     "mu": "µ",
     "k linear": "k₁",
@@ -28,137 +30,82 @@ SYMBOLS: Final = {
     "se": "standard error",
     "u": "uncertainty",
 }
-"""Words of a heading -> what the page calls them."""
-SHORT_HASH: Final = 12
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Section:
-    """A part of the page: what it shall show, and, once it is filled, what it shows.
-
-    `charts`, `tabulates` and `notes_of` name its charts, its tables (artifact and further table, ""
-    for its columns), and the artifacts whose notes it has; `absent` are charts that were not drawn,
-    and why; `links` are addresses and texts. What is `folded` is left out on paper.
-    """
-
-    key: str
-    title: str
-    lead: str = ""
-    charts: str = ""
-    tabulates: Sequence[tuple[str, str]] = ()
-    notes_of: Sequence[str] = ()
-    folded: bool = True
-    pictures: Sequence[Picture] = ()
-    absent: Sequence[str] = ()
-    tables: Sequence[Table | None] = ()
-    notes: Sequence[str] = ()
-    links: Sequence[tuple[str, str]] = ()
-    tiles: Sequence[Mapping[str, Any]] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Page:
-    """A page: its title and sections, the hash of all that it was made from, and its head."""
-
-    title: str
-    sections: Sequence[Section]
-    synthetic: bool
-    made_from: str
-    verdict: Verdict | None = None
-    conditions: Sequence[tuple[str, str]] = ()
-
-
-BUDGET: Final = (
-    "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
-    "config, section uncertainty."
-)
-HAVE_BUDGETS: Final = ("stiffness", "friction", *SURFACES, HELD_OUT, *COMPARED, "drive")
-WITH_BUDGET: Final = [(name, "budget") for name in HAVE_BUDGETS]
-OF_SURFACES: Final = [(name, rows) for rows in ("nodes", "effects") for name in SURFACES]
-OF_PRESS: Final = [("stiffness", "")]
-OF_DRIVE: Final = ["drive", "compare_drive"]
-SECTIONS: Final = (
-    Section(
-        "surface",
-        "The friction law",
-        "µ over normal force per length and sliding speed. With the refined surface the simulated "
-        "rig gives the measured tensions; the published one averages the runs at their mean force.",
-        "map-{name} cuts surface-space",
-        folded=False,
-    ),
-    Section("stiffness", "The normal contact law", "", "press-law", OF_PRESS, folded=False),
-    Section(
-        "proof",
-        "The proof: the rig, simulated",
-        "Every run repeated on a simulated copy of the rig; both recordings go through the same "
-        "reduction. What was left out comes first.",
-        "averaged:{name}",
-        [(name, "groups") for name in (HELD_OUT, *COMPARED)],
-        folded=False,
-    ),
-    Section("trust", "How far to trust it", folded=False),
-    Section(
-        "drive",
-        "The belt drive, predicted",
-        "From the identified laws; nothing was fitted to the speed-loss bench.",
-        "comparison drawing loss",
-        folded=False,
-    ),
-    Section(
-        "friction",
-        "Friction of every run",
-        "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
-        "friction run arc simulated:{name}",
-        [("friction", ""), *OF_SURFACES],
-        ("friction", *SURFACES, *COMPARED, HELD_OUT),
-    ),
-    Section("press", "The press and temperature", "", "press-temperature", notes_of=["stiffness"]),
-    Section("slip", "Sliding in service", "", "slip", notes_of=["slip"]),
-    Section("differences", "Differences run by run", charts="differences"),
-    Section("forces", "Forces of the drive", "", "", [("drive", "")], OF_DRIVE),
-    Section("uncertainty", "Uncertainty budget", BUDGET, "budget-{name}", WITH_BUDGET),
-    Section("set-aside", "Set aside, and why"),
-    Section("provenance", "Provenance", "The same inputs and settings give the same files."),
+# main results at the head of a report, and in the table of belts
+HEAD: Final = (
+    "k_linear_N_m2 k_linear_u_N_m2 k_quadratic_N_m3 k_quadratic_u_N_m3 mu_range runs_used "
+    "runs_set_aside predicted_speed_loss"
 )
 BELTS: Final = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
 )
-"""Columns of the table of belts."""
+SHORT_HASH: Final = 12
+WIDTH, HEIGHT = 200.0, 80.0  # of a tile
+MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, for spikes
 
 
-def belt_page(results: BeltResults, made_from: str) -> Page:
-    """Compose the page of a belt, made from inputs of this hash; it tells what is missing."""
-    verdict, sheets = verdict_of(results), results.sheets
-    missing = [f"Missing, damaged or not shown: {line}" for line in results.problems]
-    own: dict[str, dict[str, Any]] = {
-        "trust": {"notes": verdict.trust},
-        "friction": {"tiles": list(tiles(results))},
-        "set-aside": {"tables": [set_aside(results)]},
-        "provenance": {"tables": [provenance(results)], "notes": missing},
+def belt_page(results: BeltResults, made_from: str) -> str:
+    """Write the page of a belt, made from inputs of this hash; it tells what is missing."""
+    row = main_results(results)
+    return _rendered(
+        made_from,
+        f"Belt {results.belt}",
+        [results],
+        results=results,
+        verdict=verdict_of(results),
+        main_results=[fact(name, row[name]) for name in HEAD.split() if row.get(name) is not None],
+        conditions=conditions(results),
+        tiles=list(tiles(results)),
+        set_aside=set_aside(results),
+        provenance=provenance(results),
+    )
+
+
+def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> str:
+    """Write the page that compares belts, with links to the report of each."""
+    rows = [main_results(belt) for belt in belts]
+    title = "Belts " + ", ".join(belt.belt for belt in belts)
+    compared = table("Results", rows, BELTS.split())
+    return _rendered(made_from, title, belts, results=belts, compared=compared, links=links)
+
+
+def _rendered(made_from: str, title: str, belts: Sequence[BeltResults], **more: Any) -> str:
+    """Fill the template; unprintable characters in texts from files are escaped.
+
+    The page needs no network and has no scripts; the same content gives the same bytes.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        # Markup is this program's
+        finalize=lambda value: printable(value) if type(value) is str else value,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
+    environment.filters |= {
+        "sentence": sentence,
+        "percent": percent,
+        "forces": _forces,
+        "symbols": lambda head: words.sub(lambda found: SYMBOLS[found[0]], head),
+        "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
+        "tabulated": tabulated,
+        "notes": _notes,
     }
-    sections = []
-    for section in SECTIONS:
-        if section.key not in ("drive", "forces") or results.get("drive"):
-            filled: dict[str, Any] = {
-                "tables": [
-                    tabulated(sheets[of], rows) for of, rows in section.tabulates if of in sheets
-                ],
-                "notes": _notes([sheets[name] for name in section.notes_of if name in sheets]),
-            }
-            filled |= _drawn(section, results) | own.get(section.key, {})
-            sections.append(replace(section, **filled))
-    synthetic = results.origin == "synthetic"
-    title = f"Belt {results.belt}"
-    return Page(title, sections, synthetic, made_from, verdict, conditions(results))
+    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
+    about = {"css": css, "version": __version__, "made_from": made_from, "title": title}
+    template = environment.get_template("page.html.j2")
+    return template.render(**about, belts=belts, charts=CHARTS, **more) + "\n"
 
 
-def _drawn(section: Section, results: Any) -> dict[str, Any]:
-    drawn = [drawn for key in section.charts.split() for drawn in CHARTS[key].pictures(results)]
-    return {
-        "pictures": [picture for picture in drawn if isinstance(picture, Picture)],
-        "absent": [why for why in drawn if isinstance(why, str)],
-    }
+def _forces(values: Sequence[float] | np.ndarray) -> str:
+    """Format a range of forces per length with four digits, never as a power of ten."""
+    ends = (cell("normal_force_N_m", float(f"{values[end]:.4g}")) for end in (0, -1))
+    return f"{between(*ends)} N/m"
 
 
 def _notes(sheets: Sequence[Sheet]) -> list[str]:
@@ -175,46 +122,10 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     return sorted(notes, key=lambda line: "Warning: " not in line)
 
 
-def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
-    """Compose the page that compares belts, with links to the report of each."""
-    section = Section(
-        "belts",
-        "The belts",
-        "Identified parameters of each belt, and the difference between the rig simulated with "
-        "them and the bench.",
-        "belts-force belts-speed",
-        folded=False,
-        tables=[table("Results", [_row(belt) for belt in belts], BELTS.split())],
-        notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
-        links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
-    )
-    title = "Belts " + ", ".join(belt.belt for belt in belts)
-    synthetic = any(belt.origin == "synthetic" for belt in belts)
-    return Page(title, [replace(section, **_drawn(section, belts))], synthetic, made_from)
-
-
-def _row(belt: BeltResults) -> dict[str, Any]:
-    row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
-    if stiffness := belt.get("stiffness"):
-        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
-    if friction := belt.get("friction"):
-        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
-    if best := belt.best_surface:
-        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
-        row["mu_range"] = [float(mu.min()), float(mu.max())]
-        row["measured_force_N_m"] = best.measured_force
-        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
-        row["mu_u_percent"] = best.combined_percent
-    for name, of in ((HELD_OUT, "predicted"), *((name, LABELS[name]) for name in COMPARED)):
-        if sheet := belt.get(name):
-            row[f"{of}_rms_percent"] = f"{sheet.judged} {sheet.rms_percent}"
-    return row
-
-
 def tabulated(sheet: Sheet, name: str) -> Table | None:
     """Tabulate an artifact: its columns, its nodes, the laws of a press, or a further table."""
     if name == "nodes":
-        title = f"µ ± {sheet.uncertainty} at the nodes of the {sheet.label}"
+        title = f"µ ± {sheet.mu_error[1]} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
     if name:
         title = TITLES.get(name, "simulated less measured µ")
@@ -245,9 +156,7 @@ def provenance(results: BeltResults) -> Table | None:
             "artifact": f"{sheet.name}.parquet",
             "file": sheet.sha256[:SHORT_HASH],
             "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
-            "inputs": ", ".join(
-                f"{k} {sha[:SHORT_HASH]}" for k, sha in sorted(made.inputs.items())
-            ),
+            "inputs": ", ".join(f"{k} {of[:SHORT_HASH]}" for k, of in sorted(made.inputs.items())),
             "beltid": made.software,
             "sources": made.sources[:SHORT_HASH],
         }
@@ -255,11 +164,6 @@ def provenance(results: BeltResults) -> Table | None:
         if (made := sheet.record)
     ]
     return table("Made from (first digits of the SHA-256)", rows)
-
-
-WIDTH, HEIGHT = 200.0, 80.0
-MOST_SHOWN: Final = 99.5
-"""Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
 
 
 def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
@@ -279,51 +183,20 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
         if not rows.size:
             continue
         time = curves["time_s"][rows] - curves["time_s"][rows[0]]
-        settings = (
-            (float(friction["arc_deg"][row]), "°"),
-            (float(friction["nominal_tension_N"][row]), " N"),
-            (1e3 * float(friction["slip_speed_m_s"][row]), " mm/s"),
-            (float(time[-1]), " s"),
+        arc, tension, speed, mu, status = (
+            friction[name][row]
+            for name in ["arc_deg", "nominal_tension_N", "slip_speed_m_s", "mu_sliding", "status"]
         )
+        settings = ((arc, "°"), (tension, " N"), (1e3 * speed, " mm/s"), (time[-1], " s"))
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
-        status, pen = str(friction["status"][row]), "M"
         x = WIDTH * time / max(time[-1], 1e-9)
         y = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
-        path = ""
-        for at, height in zip(x, y, strict=True):  # gaps where it is missing
-            path += f"{pen}{at:.1f} {height:.1f}" if np.isfinite(height) else ""
-            pen = "L" if np.isfinite(height) else "M"
+        there = np.isfinite(y)
+        pens = np.where(there & np.r_[False, there[:-1]], "L", "M")  # gaps where it is missing
+        points = zip(pens[there], x[there], y[there], strict=True)
         yield {
             "title": f"{run}: {known}",
             "why": "" if status == "ok" else status,
-            "path": path,
-            "level": HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
+            "path": "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points),
+            "level": HEIGHT * (1.0 - mu / highest),
         }
-
-
-def rendered(page: Page) -> str:
-    """Render the page as HTML; unprintable characters in texts from files are escaped.
-
-    It needs no network and has no scripts; the same page gives the same bytes.
-    """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        # Markup is this program's
-        finalize=lambda value: printable(value) if type(value) is str else value,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
-    environment.filters |= {
-        "sentence": sentence,
-        "symbols": lambda head: words.sub(lambda found: SYMBOLS[found[0]], head),
-        "svg": lambda picture: Markup(inline_svg(picture.figure, picture.key)),
-    }
-    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    template = environment.get_template("page.html.j2")
-    return template.render(page=page, css=css, version=__version__) + "\n"

@@ -1,17 +1,17 @@
-"""Results of one belt as the report reads them: artifacts, and the settings of their runs."""
+"""Results of one belt as the report reads them: artifacts, settings of their runs, the verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from beltid.identify.estimators import settings_of as numbered_settings
 from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import cell
+from beltid.report.summary import cell, sentence
 from beltid.store.artifact import Artifact, combined_origin
 
 if TYPE_CHECKING:
@@ -21,15 +21,18 @@ HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out a
 SURFACES: Final = ("surface_refined", "surface")
 SIMULATED: Final = ("simulated_refined", "simulated")
 COMPARED: Final = ("compare_refined", "compare")
+# artifact -> the surface that it is, or was simulated with; the refined one first
 LABELS: Final = {
-    name: label
-    for names in (SURFACES, SIMULATED, COMPARED)
-    for name, label in zip(names, ("refined", "published"), strict=True)
+    name: "refined" if name.endswith("refined") else "published"
+    for name in (*SURFACES, *SIMULATED, *COMPARED)
 }
-"""Artifact -> the surface that it is, or was simulated with; the refined one first."""
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
 SAME: Final = 0.03  # relative distance within which two values count as one setting
-UNKNOWN_TENSION: Final = -1.0  # placeholder for an unknown tension [N]
+DISTINCT: Final = 0.05  # relative distance beyond which two values count as evidence of their own
+UNKNOWN: Final = -1.0  # placeholder for an unknown setting
+MOST_UNCERTAINTIES: Final = 2.0  # largest RMS error, over u, at which predictions confirm a surface
+WORDS: Final = ("no", "one", "two", "three")
+MOST_LISTED: Final = 12  # largest number of settings that are listed; for more, the range is given
 
 
 class Sheet(Artifact):
@@ -37,11 +40,20 @@ class Sheet(Artifact):
 
     __slots__ = ()
 
+    @classmethod
+    def of(cls, artifact: Artifact) -> Sheet:
+        """Read an artifact as a sheet."""
+        return cls(artifact.columns, artifact.record, artifact.path, artifact.sha256)
+
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
         if column in self.columns:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
+        """Return a further table; empty if there is none."""
+        return self.record.tables.get(name) or []
 
     @property
     def label(self) -> str:
@@ -49,10 +61,6 @@ class Sheet(Artifact):
         left_out = LEFT_OUT.get(self.facts.get("hold_out", ""), "runs")
         predicted = f"{left_out} left out and predicted"
         return f"{LABELS[self.name]} surface" if self.name in LABELS else predicted
-
-    def rows(self, name: str) -> list[dict[str, Any]]:
-        """Return a further table; empty if there is none."""
-        return self.record.tables.get(name) or []
 
     @property
     def rig(self) -> Mapping[str, Any]:
@@ -65,17 +73,18 @@ class Sheet(Artifact):
         return float(self.rig.get("pulley_radius_m") or np.nan)
 
     @property
-    def surface(self) -> FrictionSurface:
-        """Averaged surface, with combined uncertainties as its errors if they are available."""
-        from beltid.identify.surface.surface import surface_from_columns  # slow to import
-
-        combined = {"mu_se": self.columns["mu_u"]} if "mu_u" in self.columns else {}
-        return surface_from_columns({**self.columns, **combined})
+    def mu_error(self) -> tuple[str, str]:
+        """Column with the error of a surface, combined if it is known, and its name."""
+        if "mu_u" in self.columns:
+            return "mu_u", "combined standard uncertainty"
+        return "mu_se", "standard error"
 
     @property
-    def uncertainty(self) -> str:
-        """Name of the surface's error measure."""
-        return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
+    def surface(self) -> FrictionSurface:
+        """Averaged surface with its errors."""
+        from beltid.identify.surface.surface import surface_from_columns  # slow to import
+
+        return surface_from_columns({**self.columns, "mu_se": self.columns[self.mu_error[0]]})
 
     @property
     def measured_force(self) -> Sequence[float] | None:
@@ -100,11 +109,6 @@ class Sheet(Artifact):
         return missed == ["min_share_compared"]
 
     @property
-    def judged(self) -> str:
-        """PASS or FAIL, of a comparison."""
-        return "PASS" if self.record.passed else "FAIL"
-
-    @property
     def rms_percent(self) -> str:
         """RMS difference of a comparison, formatted."""
         return cell("rms_percent", self.overall.get("rms_percent"))
@@ -123,11 +127,6 @@ class Sheet(Artifact):
         """Return the normal law in a row of a stiffness table."""
         names = ("k_linear_N_m2", "k_quadratic_N_m3")
         return NormalLaw(*(float(self.columns[name][row]) for name in names))
-
-
-def sheet_of(artifact: Artifact) -> Sheet:
-    """Read an artifact as a sheet."""
-    return Sheet(artifact.columns, artifact.record, artifact.path, artifact.sha256)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,10 +149,9 @@ class BeltResults:
         """Return the first of some artifacts that there is; None if none."""
         return next((self.sheets[name] for name in names if name in self.sheets), None)
 
-    @property
-    def best_surface(self) -> Sheet | None:
-        """The refined surface if available, otherwise the published one."""
-        return self.get(*SURFACES)
+    def every(self, *names: str) -> list[Sheet]:
+        """Return those of some artifacts that there are."""
+        return [self.sheets[name] for name in names if name in self.sheets]
 
     @property
     def prediction(self) -> Sheet | None:
@@ -167,18 +165,19 @@ class BeltResults:
         return combined_origin([sheet.origin for sheet in self.sheets.values()])
 
 
-def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
-    """Group the rows of the points by speed and tension, in order of first appearance.
+def series_of(*columns: np.ndarray) -> dict[tuple[Any, ...], list[int]]:
+    """Group the rows of some columns by their settings, in order of first appearance.
 
-    Unknown tensions form one group, -1.
+    The scatter of motors and weights makes no setting of its own; unknown ones count as -1.
     """
-    tensions = np.nan_to_num(snap_to_settings(tension), nan=UNKNOWN_TENSION)
-    pairs = np.stack([snap_to_settings(speed), tensions], axis=1)
-    distinct, first, of = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-    return {
-        (float(distinct[k, 0]), float(distinct[k, 1])): np.flatnonzero(of.ravel() == k)
-        for k in np.argsort(first)
-    }
+    settings = [
+        of if of.dtype == object else np.nan_to_num(snap_to_settings(of), nan=UNKNOWN)
+        for of in columns
+    ]
+    series: dict[tuple[Any, ...], list[int]] = {}
+    for row, key in enumerate(zip(*(of.tolist() for of in settings), strict=True)):
+        series.setdefault(key, []).append(row)
+    return series
 
 
 def settings_of(values: np.ndarray, most: int | None = None) -> list[np.ndarray]:
@@ -213,3 +212,144 @@ def load_name(friction: Sheet) -> str:
     """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
     rig = f"{friction.rig.get('holds')} {friction.facts.get('rig_holds')}"
     return "weight" if "weight" in rig else "belt tension"
+
+
+class Verdict(NamedTuple):
+    """Whether the law is proven."""
+
+    headline: str
+    state: str  # "good", "bad" (out of tolerance) or "open"
+
+
+def verdict_of(results: BeltResults) -> Verdict:
+    """Judge the results of a belt."""
+    compared, predicted = results.every(*COMPARED), results.prediction
+    decisive, said = compared[:1], list[str]()
+    if predicted:
+        decisive.append(predicted)
+        left_out, over_u = LEFT_OUT[predicted.facts["hold_out"]], predicted.over_uncertainty
+        ratio = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
+        said.append(
+            f"friction of {left_out} that was left out is predicted to {predicted.rms_percent} % "
+            f"RMS{ratio} ({_within(predicted)})"
+        )
+    if compared:
+        misses = [f"the {of.label} by {of.rms_percent} % RMS ({_within(of)})" for of in compared]
+        said.append(f"the simulated rig misses the measured friction with {', with '.join(misses)}")
+    start, state = "Identified and proven", "good"
+    if not decisive:
+        said, start = ["the simulated rig was not compared with the bench"], "Not proven"
+        state = "open"
+    elif not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
+        start, state = "Identified, but out of tolerance", "bad"
+    elif missing := "; ".join(_missing_evidence(results)):
+        start, state = f"Identified, not proven ({missing})", "open"
+    headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
+    if results.failures:
+        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
+    return Verdict(headline, state)
+
+
+def _within(sheet: Sheet) -> str:
+    if sheet.too_few_compared:
+        count, of = sheet.overall.get("n_points"), sheet.facts.get("runs_measured")
+        return f"only {cell('n', count)} of {cell('n', of)} runs compared"
+    return f"{'within' if sheet.record.passed else 'out of'} tolerance"
+
+
+def _missing_evidence(results: BeltResults) -> Iterator[str]:
+    """Yield what prevents results that agree from counting as proven."""
+    own, left_out = results.get("compare_refined"), results.prediction
+    for sheet, without, misses in (
+        (own, "no refined surface was compared", "the refined surface misses its own runs by"),
+        (left_out, "no runs were left out and predicted", "the predictions miss by"),
+    ):
+        if sheet is None:
+            yield without
+        elif sheet.too_few_compared:
+            yield _within(sheet)
+        elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
+            u = f"{sheet.over_uncertainty:.2g} of their standard uncertainties"
+            yield f"{misses} {u}, at most {MOST_UNCERTAINTIES:g} allowed"
+    if friction := results.get("friction"):
+        for setting, column, enough in (
+            ("contact arc", "arc_deg", 2),
+            (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
+            ("sliding speed", "slip_speed_m_s", 3),
+        ):
+            n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
+            if n < enough:
+                yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
+
+
+def _distinct(values: np.ndarray) -> int:
+    """Count the values that differ by more than `DISTINCT`, in a grid or a random design."""
+    count, last = 0, -1.0
+    for value in np.sort(values[np.isfinite(values)]).tolist():
+        if value > (1.0 + DISTINCT) * last:
+            count, last = count + 1, value
+    return count
+
+
+def main_results(results: BeltResults) -> dict[str, Any]:
+    """Return the main results of a belt by name, those that there are."""
+    row: dict[str, Any] = {"belt": results.belt, "data": results.origin}
+    if stiffness := results.get("stiffness"):
+        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
+    if friction := results.get("friction"):
+        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
+        row["runs_set_aside"] = friction["status"].size - row["runs_used"]
+    if best := results.get(*SURFACES):
+        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
+        row["mu_range"] = [float(mu.min()), float(mu.max())]
+        row["measured_force_N_m"] = best.measured_force
+        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
+        row["mu_u_percent"] = best.combined_percent
+    for sheet in results.every(HELD_OUT, *COMPARED):
+        name, word = LABELS.get(sheet.name, "predicted"), "PASS" if sheet.record.passed else "FAIL"
+        row[f"{name}_rms_percent"] = f"{word} {sheet.rms_percent}"
+    if drive := results.get("compare_drive"):
+        row["predicted_speed_loss"] = drive.record.verdict
+    return row
+
+
+def conditions(results: BeltResults) -> list[tuple[str, str]]:
+    """List belt, rig, settings, temperatures and config, each with its value.
+
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
+    """
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    if friction := results.get("friction"):
+        radius = friction.pulley_radius_m
+        load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
+        speeds = 1e3 * np.abs(friction["slip_speed_m_s"])
+        lines += [
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
+            ("Contact arcs", _settings(friction["arc_deg"], "°")),
+            (load, _settings(friction["nominal_tension_N"], " N")),
+            ("Sliding speeds v", _settings(speeds, " mm/s")),
+            ("Surface", _joined(friction.columns.get("condition", ()))),
+            ("Side of the belt", _joined(friction.columns.get("side", ()))),
+            ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
+        ]
+    if stiffness := results.get("stiffness"):
+        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
+        lines += [
+            ("Press segment", f"{float(length):.4g} cm" if length else ""),
+            ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
+        ]
+    lines.append(("Config", _joined(sheet.record.config for sheet in results.sheets.values())))
+    return [(name, value) for name, value in lines if value]
+
+
+def _joined(texts: Iterable[str]) -> str:
+    return ", ".join(sorted(set(filter(None, texts))))
+
+
+def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
+    """List the settings of some runs, joined to so many classes."""
+    names = [class_name(values[rows]) for rows in settings_of(values, most)]
+    if len(names) > MOST_LISTED:
+        return f"{len(names)} from {names[0]} to {names[-1]}{unit}"
+    return ", ".join(names) + unit if names else ""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from beltid.errors import printable
 
@@ -20,24 +20,15 @@ if TYPE_CHECKING:
 GAP: Final = 3  # between two columns
 LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
 Rows = list[dict[str, Any]]
-# endings of public names -> unit as printed, longest first
-UNITS: Final[tuple[tuple[str, str], ...]] = (
-    ("_N_m2", "N/m²"),
-    ("_N_m3", "N/m³"),
-    ("_N_s_m", "N s/m"),
-    ("_rad_s", "rad/s"),
-    ("_N_m", "N/m"),
-    ("_m_s", "m/s"),
-    ("_degC", "°C"),
-    ("_percent", "%"),
-    ("_deg", "°"),
-    ("_mm", "mm"),
-    ("_Hz", "Hz"),
-    ("_N", "N"),
-    ("_W", "W"),
-    ("_s", "s"),
-    ("_m", "m"),
-)
+# parts of the units at the end of public names, as printed
+UNITS: Final = {part: part for part in ("N", "W", "Hz", "kg", "m", "mm", "s", "rad")} | {
+    "m2": "m²",
+    "m3": "m³",
+    "deg": "°",
+    "degC": "°C",
+    "percent": "%",
+}
+# what a column in a chart is, by the beginning of its name: words with symbol, unit, scale
 QUANTITIES: Final = {
     "mu": ("friction coefficient µ", "-", 1.0),
     "normal_force": ("normal force per length", "N/m", 1.0),
@@ -52,18 +43,17 @@ QUANTITIES: Final = {
     "arc_position": ("position along the arc from the tight side", "mm", 1e3),
     "time": ("time", "s", 1.0),
 }
-"""What a column in a chart is, by the beginning of its name: words with symbol, unit, scale."""
 RANGES: Final = ("range", "valid", "measured")
 MISSING: Final = "-"
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
     """Split a public name into words and unit."""
-    for ending, unit in UNITS:
-        if name.endswith(ending):
-            words = name.removesuffix(ending).replace("_", " ")
-            return words, "N m" if words.endswith("torque") else unit
-    return name.replace("_", " "), ""
+    words, unit = name.split("_"), list[str]()
+    while len(words) > 1 and words[-1] in UNITS:
+        unit.insert(0, UNITS[words.pop()])
+    over = " " if words[-1] == "torque" else "/"
+    return " ".join(words), over.join([" ".join(unit[:-1]), unit[-1]] if unit[1:] else unit)
 
 
 def heading(name: str) -> str:
@@ -107,8 +97,7 @@ def fact(name: str, value: Any) -> tuple[str, str]:
     return words, f"{text} {unit}" if unit and text != MISSING else text
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(NamedTuple):
     """A formatted table; `numeric` tells which columns contain numbers, or ranges of them."""
 
     title: str

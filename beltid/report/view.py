@@ -6,15 +6,14 @@ One view serves the command that made it, `show`, ``--json`` and the repr of a r
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
-from beltid.identify.estimators import snap_to_settings
-from beltid.report.results import Sheet, sheet_of
+from beltid.report.results import UNKNOWN, Sheet, series_of
 from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
 from beltid.store.artifact import Artifact
 
@@ -36,6 +35,7 @@ DRIVE: Final = "driver_speed_rad_s initial_tension_N"
 COMPARED: Final = (
     "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
 )
+# kind -> what is shown of it
 VIEWS: Final = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
@@ -87,7 +87,7 @@ VIEWS: Final = {
         "gain_percent needed_for",
     ),
 }
-"""Kind -> what is shown of it."""
+# further table that is always shown (the budget, of surfaces) -> its title
 TITLES: Final = {
     "budget": "standard uncertainties, in percent of the quantity",
     "misfit": "simulated less measured friction: published surface, then refined",
@@ -97,50 +97,44 @@ TITLES: Final = {
     "regions": "standard uncertainty by region, in percent of mu",
     "statements": "if it were known twice as well",
 }
-"""Further table that is always shown (the budget, of surfaces) -> its title."""
+# columns of further tables that have more
 COLUMNS: Final = {
     "budget": "quantity source basis standard_uncertainty unit contribution_percent "
     "largest_percent",
     "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
     "force_high_N_m",
 }
-"""Columns of further tables that have more."""
 POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
+# what only other stages and the report read
 FOR_REPORT: Final = ("uncertainty", "laid", "averaged")
-"""What only other stages and the report read."""
 
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
+    columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
+    rows = rows_of(columns, *columns)
     if RUNS in record.tables:
         runs = record.tables[RUNS]
         rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
-        columns = {
-            name: np.array([row[name] for row in rows], object if type(value) is str else float)
-            for name, value in (rows[0] if rows else {}).items()
-        }
-    else:
-        columns = {name: of for name, of in artifact.columns.items() if of.ndim == 1}
-        rows = rows_of(columns, *columns)
-    names = [name for name in f"{view.by} {view.shown}".split() if name in columns]
-    further = {
-        TITLES.get(name, name.replace("_", " ")): chosen(table, name)
-        for name, table in record.tables.items()
-        if name not in (RUNS, *FOR_REPORT)
-    }
+    known = list(next(iter(rows), {}))
+    names = [name for name in f"{view.by} {view.shown}".split() if name in known]
+    facts = {k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT}
     return Summary(
         stage=record.made_by or artifact.kind,
         title=view.title,
         out=artifact.path if record.made_by else None,
-        # further tables are facts for programs, under their names
-        facts={k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT},
+        facts=facts,  # further tables are facts for programs, under their names
         table=rows,
-        overview=_overview(artifact, view, columns, rows),
-        shown=tuple(sorted(names, key=lambda name: name != "run") or columns),
-        details=further,
+        overview=_overview(artifact, view, rows),
+        shown=tuple(sorted(names, key=lambda name: name != "run") or known),
+        details={
+            TITLES.get(name, name.replace("_", " ")): chosen(table, name)
+            for name, table in record.tables.items()
+            if name not in (RUNS, *FOR_REPORT)
+        },
         always=tuple(
             of for name, of in TITLES.items() if artifact.kind == "surface" or name != "budget"
         ),
@@ -159,24 +153,22 @@ def chosen(rows: Rows, table: str) -> Rows:
     return [{name: row[name] for name in names} for row in rows] if names else rows
 
 
-def _overview(
-    artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Rows
-) -> Rows:
+def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
     if "groups" in artifact.record.tables:
         return chosen(artifact.record.tables["groups"], "groups")
     if artifact.kind == "surface":
-        return grid(sheet_of(artifact), errors=False)
+        return grid(Sheet.of(artifact), errors=False)
     if artifact.kind == "stiffness":
         short = [{name: row[name] for name in view.shown.split()} for row in rows]
         return [{**row, **POOLED} if row["temperature_degC"] is None else row for row in short]
-    return _grouped(columns, view.by.split(), view.shown.split()) if len(rows) > FEW else []
+    return _grouped(rows, view.by.split(), view.shown.split()) if len(rows) > FEW else []
 
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
     """Return a row per force of the averaged surface, with a column per speed."""
     low, high = sheet.measured_force or (np.inf, -np.inf)
-    error = sheet["mu_u" if "mu_u" in sheet.columns else "mu_se"]
+    error = sheet[sheet.mu_error[0]]
     rows: dict[float, dict[str, Any]] = {}
     for i in np.flatnonzero(np.isnan(sheet["arc_deg"])).tolist():
         force, speed = (float(sheet[n][i]) for n in ("normal_force_N_m", "slip_speed_m_s"))
@@ -188,35 +180,24 @@ def grid(sheet: Sheet, *, errors: bool) -> Rows:
     return list(rows.values())
 
 
-def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]) -> Rows:
+def _grouped(rows: Rows, by: Sequence[str], shown: Sequence[str]) -> Rows:
     """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
-    if not by:
-        return []
-    ok = columns.get("status", np.array(["ok"])) == "ok"
-    ok = np.broadcast_to(ok if ok.any() else True, columns[by[0]].shape)
-    # the scatter of motors and weights makes no setting of its own
-    keys = [
-        (v if v.dtype == object else np.round(snap_to_settings(v), 12)).tolist()
-        for v in (columns[name] for name in by)
-    ]
-    rows: dict[tuple[Any, ...], list[int]] = {}
-    for i in np.flatnonzero(ok).tolist():
-        rows.setdefault(tuple(key[i] for key in keys), []).append(i)
-    numbers = [c for c in shown if c in columns and columns[c].dtype.kind == "f"][:MOST_RANGES]
+    good = [row for row in rows if row.get("status", "ok") == "ok"] or rows
+    columns = {name: [row[name] for row in good] for name in good[0]}
+    words = any(isinstance(good[0][name], str) for name in by)
+    series = series_of(*(np.array(columns[of], object if words else float) for of in by))
+    numbers = [c for c in shown if any(isinstance(x, float) for x in columns.get(c, ()))]
     return [
-        {
-            **dict(zip(by, key, strict=True)),
-            "rows": len(rows[key]),
-            **{c: _range(c, columns[c][rows[key]]) for c in numbers},
-        }
-        for key in (rows if any(isinstance(k, str) for k in next(iter(rows))) else sorted(rows))
+        {of: None if x == UNKNOWN else x for of, x in zip(by, key, strict=True)}
+        | {"rows": len(places)}
+        | {c: _range(c, [columns[c][i] for i in places]) for c in numbers[:MOST_RANGES]}
+        for key, places in (series.items() if words else sorted(series.items()))
     ]
 
 
-def _range(name: str, values: np.ndarray) -> str:
-    finite = values[np.isfinite(values)]
-    ends = (finite.min(), finite.max()) if finite.size else (np.nan, np.nan)
-    return between(*(cell(name, end) for end in ends))
+def _range(name: str, values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return between(*(cell(name, end(known, default=None)) for end in (min, max)))
 
 
 def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:

@@ -132,7 +132,7 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
 def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
     """Show an artifact as a table and its figures; or write it as CSV or as one of its figures."""
     from beltid.report.charts import NO_DATES, pictures_of, saved
-    from beltid.report.results import sheet_of
+    from beltid.report.results import Sheet
     from beltid.report.summary import csv_bytes
     from beltid.report.view import shown_of
 
@@ -145,7 +145,7 @@ def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False
         raise InputError(
             f"--figure = {name}: needs --out, a file that ends in {', '.join(figures)}"
         )
-    pictures = [] if ending == TABLE else pictures_of(sheet_of(artifact))
+    pictures = [] if ending == TABLE else pictures_of(Sheet.of(artifact))
     if out is None:
         return shown_of(artifact, [(picture.key, picture.title) for picture in pictures])
     if ending == TABLE:

@@ -14,10 +14,9 @@ import numpy as np
 from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
-from beltid.report.page import belt_page, belts_page, rendered
-from beltid.report.results import BeltResults, Sheet, sheet_of
+from beltid.report.page import belt_page, belts_page
+from beltid.report.results import BeltResults, Sheet, verdict_of
 from beltid.report.summary import Summary
-from beltid.report.verdict import verdict_of
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stage import RECORDINGS, as_measured
 from beltid.stages.friction import typical_runs
@@ -74,12 +73,11 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*result.problems, *problems]
             results = [replace(result, profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        text = sealed(rendered(page)).encode()
-        write_bytes(out, text)
+        write_bytes(out, sealed(page).encode())
         facts = {
-            "figures": sum(len(section.pictures) for section in page.sections),
-            "figures_missing": sum(len(section.absent) for section in page.sections),
-            "size_kB": len(text) / 1000.0,
+            "figures": page.count("<figure "),
+            "figures_missing": page.count('<p class="absent">'),
+            "size_kB": out.stat().st_size / 1000.0,
         }
     origins = {result.origin for result in results}
     mixed = len(origins) > 1
@@ -114,7 +112,7 @@ def gather(belt: OnPage) -> BeltResults:
         if not path.exists():
             continue
         try:
-            sheet = sheet_of(read_artifact(path, kind))
+            sheet = Sheet.of(read_artifact(path, kind))
         except ArtifactError as error:
             problems += error.problems
         else:

@@ -117,7 +117,10 @@ def test_the_patches_alone_tell_the_surface(law: ContactLaw) -> None:
     [
         (lambda text: text[: len(text) // 2], "not valid JSON"),
         (lambda text: text.replace('"beltlaw",', '"other",'), '"format" must be "beltlaw"'),
-        (lambda text: text.replace('"version": 1', '"version": 7'), "reads version 1"),
+        (
+            lambda text: text.replace('n": 1,', 'n": 7,').replace("content_", ""),
+            "version = 7, must be 1",
+        ),
         (lambda text: text.replace("65000000.0", "66000000.0"), "was changed after beltid wrote"),
         (lambda text: "[]", '"format" must be "beltlaw"'),
         (lambda text: "[" * 100000, "not valid JSON"),

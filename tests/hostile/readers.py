@@ -15,8 +15,7 @@ from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law import law_from_text
 from beltid.report.page import provenance, set_aside, tabulated
-from beltid.report.results import BeltResults, sheet_of
-from beltid.report.verdict import verdict_of
+from beltid.report.results import BeltResults, Sheet, verdict_of
 from beltid.report.view import shown_of
 from beltid.stages.inputs import press_law, surface_from
 from beltid.store.artifact import read_artifact
@@ -37,7 +36,7 @@ def _recording(kind: str) -> Callable[[Path], object]:
 def _artifact(path: Path) -> object:
     """An artifact, and what stages and the report make of it before they compute or draw."""
     artifact = read_artifact(path)
-    sheet = sheet_of(artifact)
+    sheet = Sheet.of(artifact)
     if artifact.kind == "surface":
         surface_from(artifact)
     elif artifact.kind == "stiffness":

@@ -8,21 +8,14 @@ from typing import Any
 import pytest
 from report_belt_data import results
 
-from beltid.report.page import Page, belt_page, rendered
+from beltid.report.page import belt_page
 
 
 @pytest.fixture(scope="session")
-def drawn_page() -> Page:
-    """Verdict, figures and tables."""
-    return belt_page(results(), "0" * 64)
-
-
-@pytest.fixture(scope="session")
-def page(made_once: Any, request: pytest.FixtureRequest) -> str:
-    """The same as HTML."""
+def page(made_once: Any) -> str:
+    """The page as HTML."""
 
     def fill(folder: Path) -> None:
-        text = rendered(request.getfixturevalue("drawn_page"))
-        (folder / "page.html").write_text(text, encoding="utf-8")
+        (folder / "page.html").write_text(belt_page(results(), "0" * 64), encoding="utf-8")
 
     return (made_once("report-page", fill) / "page.html").read_text(encoding="utf-8")
