@@ -47,44 +47,32 @@ FEWEST_TURNING = 20
 def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`.
 
-    Rows without a time are left out. Counts of spikes and missing samples are set in the result.
+    Counts of spikes and missing samples are set in the result.
     """
-    timed = np.isfinite(record.time_s)
-    n = record.time_s.size
-    if n < 2:
-        raise RunRejected(f"too short: {n} samples")
-    if np.count_nonzero(timed) < max(0.5 * n, 2):
-        raise RunRejected(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
-    t = record.time_s[timed]
-    back = np.flatnonzero(np.diff(t) < 0.0)
-    if back.size:
-        k = int(back[0])
-        raise RunRejected(
-            f"time_s goes back from {t[k]:g} to {t[k + 1]:g} s at sample {k + 2}: not one recording"
-        )
+    t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
+    if t.size < 2:
+        raise RunRejected(f"too short: {t.size} samples")
     if t[-1] <= t[0]:
         raise RunRejected(f"time_s stands still at {t[0]:g} s")
-    tensions, spikes = record.tensions[timed], np.zeros((t.size, 2), dtype=bool)
-    is_read = record.kind.measures == "two_cells" and not record.kind.running
-    cells = record.kind.cells if is_read else PERFECT
+    is_read = kind.measures == "two_cells" and not kind.running
+    cells = kind.cells if is_read else PERFECT
     last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
     step, rounding_N = resolution(*last), np.zeros(2)
+    spikes = np.zeros(tensions.shape, dtype=bool)
     for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
-        if span != record.kind.weight:
+        if span != kind.weight:
             values, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
             rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
             tensions[:, k] = values
-    lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
     run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
-    run.n_missing = int(np.count_nonzero(lost)) + n - t.size
-    columns = [_untied(t), tensions, _speed(t, record.speed[timed]), record.temperature[timed]]
+    run.n_missing = int(np.count_nonzero(np.any(~(np.isfinite(tensions) | spikes), axis=1)))
+    columns = [_untied(t), tensions, _speed(t, record.speed), record.temperature]
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
-    t, tensions, speed, temperature = columns
-    clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
-    return replace(clean, rounding_N=rounding_N)
+    names = ("time_s", "tensions", "speed", "temperature")
+    return replace(record, rounding_N=rounding_N, **dict(zip(names, columns, strict=True)))
 
 
 def _untied(t: Array) -> Array:
