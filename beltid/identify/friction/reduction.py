@@ -277,12 +277,15 @@ def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator
 
 
 def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> float:
-    """Compute ln of the geometric mean of both tensions [N] on the plateau, without the tail.
-
-    At a constant sum of the tensions it falls by tanh(y/2)/2 for each unit of the tail.
-    """
-    level = record.log_mean[start:] + 0.5 * np.tanh(0.5 * y) * tail[start:]
-    return float(np.average(level, weights=record.count[start:]))
+    """Compute ln of the geometric mean of both tensions [N] on the plateau, without the tail."""
+    weight = record.count
+    x = tail - np.average(tail, weights=weight)
+    noise = 0.5 * record.noise_N * record.sensitivity
+    prior = (noise / 0.3) ** 2
+    factor = (weight * x) @ record.log_mean - prior * 0.5 * np.tanh(0.5 * y)
+    factor /= (weight * x) @ x + prior
+    level = record.log_mean[start:] - factor * tail[start:]
+    return float(np.average(level, weights=weight[start:]))
 
 
 def _check_fit(
