@@ -37,7 +37,15 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.run import NAN, SPANS, RunRecord, RunReduction, RunRejected, Span
+from beltid.identify.friction.run import (
+    NAN,
+    SPANS,
+    RunRecord,
+    RunReduction,
+    RunRejected,
+    Span,
+    reject,
+)
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -69,8 +77,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     weight = record.kind.weight
-    if record.defect:
-        raise RunRejected(record.defect)
+    reject((bool(record.defect), record.defect))
     channels = read_channels(record, run)
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
@@ -89,11 +96,9 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
-    if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
-        raise RunRejected(
-            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-            f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
-        )
+    found = f"{rest.imbalance_N:+.4g} N at rest at a mean of {rest.tension_N:.4g} N"
+    is_off = abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N
+    reject((is_off, f"the cells differ by {found}, allowed is {100 * MAX_IMBALANCE:g} %"))
     channels, run.swapped = unswapped(channels, rotation)
     if run.swapped:
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
@@ -103,8 +108,8 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     phase = sliding_phase(held, rotation)
     run.take_up_m = R * _take_up(phase)
     n = phase.time_s.size - phase.slide
-    if n < FEWEST_SLIDING:
-        raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
+    few = f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}"
+    reject((n < FEWEST_SLIDING, few))
     sliding = sliding_record(phase, rest, channels.rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
@@ -115,11 +120,9 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
     floor = max(1e-3 / sliding.sensitivity, float(np.max(channels.rounding_N)))
     ratio = sliding.unrest_N / max(noise_N, floor)
-    if ratio > MAX_NOISE_RATIO and rest.n_samples >= 8:
-        raise RunRejected(
-            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {MAX_NOISE_RATIO:g} times"
-        )
+    found = f"{ratio:.2g} times that at rest, allowed is {MAX_NOISE_RATIO:g} times"
+    is_rough = ratio > MAX_NOISE_RATIO and rest.n_samples >= 8
+    reject((is_rough, f"sticks and slips: the noise while sliding is {found}"))
     return sliding
 
 
@@ -135,11 +138,9 @@ def _take_up(phase: SlidingPhase) -> float:
 def _rotation_notes(rotation: Rotation, channels: RunRecord) -> Iterator[str]:
     """Yield notes on the rotation; raise `RunRejected` if the speed is not steady."""
     change = rotation.unsteadiness
-    if abs(change) > SPEED_CHANGE_ALLOWED:
-        raise RunRejected(
-            f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
-            f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
-        )
+    found = f"it changes by {100 * change:+.3g} %, allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
+    is_changing = abs(change) > SPEED_CHANGE_ALLOWED
+    reject((is_changing, f"the pulley speed is not steady: {found}"))
     if rotation.reversed and not channels.kind.running:
         yield "the pulley speed is negative: its magnitude is used"
     if abs(change) > SPEED_CHANGE_NOTED:

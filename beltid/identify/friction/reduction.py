@@ -39,6 +39,7 @@ from beltid.identify.friction.run import (
     RunRecord,
     RunReduction,
     RunRejected,
+    reject,
     run_records,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
@@ -211,8 +212,7 @@ def _reduce_together(
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
-            if not 0.0 < mu <= MAX_MU:
-                raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
+            reject((not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]"))
             _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
             _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
         except RunRejected as reason:
@@ -295,29 +295,31 @@ def _check_fit(
     y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
     misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
-    if bench.scale.size >= FEWEST_FOR_MISFIT and misfits:
-        raise RunRejected(
-            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
-            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
-        )
-    if abs(run.drift) > MAX_DRIFT:
-        raise RunRejected(
-            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
-            f"allowed is {100 * MAX_DRIFT:g} %"
-        )
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
-    if left > MAX_TAIL:
-        raise RunRejected(
-            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
-            f"the end of the record, allowed is {100 * MAX_TAIL:g} %"
-        )
     # errors of the cells do not count here: they do not depend on settling
     error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
-    if error > MAX_ERROR:
-        raise RunRejected(
+    reject(
+        (
+            bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
+            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
+            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
+        ),
+        (
+            abs(run.drift) > MAX_DRIFT,
+            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
+            f"allowed is {100 * MAX_DRIFT:g} %",
+        ),
+        (
+            left > MAX_TAIL,
+            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
+            f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
+        ),
+        (
+            error > MAX_ERROR,
             f"never settles: the standard error of its level is {100 * error:.2g} %, "
-            f"allowed is {100 * MAX_ERROR:g} %"
-        )
+            f"allowed is {100 * MAX_ERROR:g} %",
+        ),
+    )
 
 
 def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:

@@ -236,6 +236,13 @@ class RunRejected(Exception):
     """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
 
 
+def reject(*reasons: tuple[bool | np.bool_, str]) -> None:
+    """Raise `RunRejected` with the first of several reasons that holds, if one does."""
+    for holds, reason in reasons:
+        if holds:
+            raise RunRejected(reason)
+
+
 @dataclass(slots=True, kw_only=True)
 class RunReduction:
     """Result of one run of the friction rig. What is not known is nan or None.
