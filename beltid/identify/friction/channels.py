@@ -40,6 +40,7 @@ MARKED = 10.0
 """Ratio to its neighbours and to nearly all samples above which a speed is an overflow mark."""
 LEAST_ANSWER = 0.02  # smallest change of a cell relative to the change of the other one
 BLOCKS = 4096  # number of blocks that a run of more than twice as many samples is averaged over
+FEWEST_BUILT = 3  # fewest samples of the build-up that show its travel
 FEWEST_TURNING = 20
 """Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
 
@@ -218,6 +219,15 @@ class SlidingPhase:
     first: int  # first sample of the rotation
     built: int  # first sample at which nine tenths of the build-up are reached
     slide: int  # first sample that is certainly after the build-up
+
+    @property
+    def take_up(self) -> float:
+        """Angle of the build-up [rad], by its first two thirds: its end may be slow; or nan."""
+        difference = self.tensions[:, 0] - self.tensions[:, 1]
+        at_rest, settled = median(difference[: self.first]), median(difference[self.slide :])
+        building = difference[self.first : self.built + 1]
+        samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
+        return 1.5 * float(self.angle[self.first + samples]) if samples >= FEWEST_BUILT else np.nan
 
 
 def sliding_phase(channels: RunRecord, rotation: Rotation) -> SlidingPhase:
