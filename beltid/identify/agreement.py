@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
@@ -47,16 +48,15 @@ SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s"
 
 def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
     """Return a row of relative differences in percent, at forces [N/m]; None without points."""
-    row = {f"{name}_percent": 100.0 * x for name, x in _figures(relative).items()}
+    known = relative if relative.size else np.full(1, np.nan)
+    row = {f"{name}_percent": 100.0 * x for name, x in _figures(known).items()}
     row |= {"force_low_N_m": force.min(initial=np.inf), "force_high_N_m": force.max(initial=0.0)}
     numbers = {name: float(x) if relative.size else None for name, x in row.items()}
     return {"group": group, "n_points": relative.size, **numbers}
 
 
 def _figures(relative: Array) -> dict[str, float]:
-    """Return what the tolerances judge; nan without differences."""
-    if not relative.size:
-        return dict.fromkeys(("rms", "mean", "mean_magnitude", "largest"), np.nan)
+    """Return what the tolerances judge, and the mean."""
     size = np.abs(relative)
     return {
         "rms": float(np.sqrt(np.mean(relative**2))),
@@ -75,8 +75,6 @@ class AgreementResult:
     groups: tuple[dict[str, Any], ...]
     """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each third of the force."""
     tolerances: Mapping[str, float]  # active tolerances, see :func:`compare_points`
-    n_measured: int  # number of runs per side
-    n_simulated: int
     n_usable: int  # usable measured runs
     not_compared_runs: tuple[tuple[str, str], ...]
     """Runs that are unusable or have no partner: label with side, reason."""
@@ -87,10 +85,7 @@ class AgreementResult:
 
     @property
     def not_compared(self) -> dict[str, int]:
-        """Number of runs not compared, by reason; the most frequent reason first.
-
-        The reasons omit the figures of each run, as in "measured: never settles".
-        """
+        """Number of runs not compared, by reason without its figures; the most frequent first."""
         reasons = (": ".join(reason.split(": ")[:2]) for _, reason in self.not_compared_runs)
         return dict(Counter(reasons).most_common())
 
@@ -147,8 +142,7 @@ class AgreementResult:
 
     def verdict_table(self) -> list[dict[str, Any]]:
         """Return one row per active tolerance, for printing; a nan figure never holds."""
-        figures = _figures(self.columns["relative_difference"])
-        rows: list[dict[str, Any]] = []
+        figures, rows = _figures(self.columns["relative_difference"]), []
         for name, allowed in self.tolerances.items():
             share = name == SHARE_COMPARED
             found = self.share_compared if share else figures[FIGURES[name]]
@@ -173,13 +167,10 @@ def compare_points(
     """
     tables = _run_table(measured), _run_table(simulated)
     of_measured, of_simulated, left_out = _match(*tables)
-    n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
         counts = Counter(reason for _, reason in left_out).most_common()
-        none = (
-            "compare: no measured run has a simulated partner, must be at least one "
-            f"({n_measured} measured and {n_simulated} simulated runs)"
-        )
+        sizes = "{} measured and {} simulated runs".format(*(table["run"].size for table in tables))
+        none = f"compare: no measured run has a simulated partner, must be at least one ({sizes})"
         raise InputError([none, *(f"{counted(count, 'run')}: {why}" for why, count in counts)])
     real = {name: column[of_measured] for name, column in tables[0].items()}
     virtual = tables[1]["mu_sliding"][of_simulated]
@@ -205,8 +196,6 @@ def compare_points(
             *(statistics(name, relative[g], force[g]) for name, g in thirds),
         ),
         tolerances=tolerances,
-        n_measured=n_measured,
-        n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
@@ -270,16 +259,13 @@ def _match(
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Average the repetitions of each arc, then the arcs of each tension and speed."""
-    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated])
+    data = pd.DataFrame({name: real[name] for name in NUMBERS[1:]} | {"simulated": mu_simulated})
     names = ("nominal_tension_N", "pulley_speed_rad_s")
     settings = [settings_of(real[name], SAME_SETTING[name]) for name in names]
-    cells, of_run = np.unique([*settings, arcs], axis=1, return_inverse=True)
-    _, of_cell = np.unique(cells[:2], axis=1, return_inverse=True)
-    for label in (of_run, of_cell):
-        data = np.array([np.bincount(label, x) for x in data]) / np.bincount(label)
-    means = dict(zip((*NUMBERS[1:-1], "measured", "simulated"), data, strict=True))
-    found = _differences(means.pop("measured"), means.pop("simulated"))
-    return {**means, **found, "n_arcs": np.bincount(of_cell)}
+    of_settings = data.groupby([*settings, arcs]).mean().groupby(level=[0, 1])
+    means = {str(name): mean.to_numpy() for name, mean in of_settings.mean().items()}
+    found = _differences(means.pop("mu_sliding"), means.pop("simulated"))
+    return {**means, **found, "n_arcs": of_settings.size().to_numpy()}
 
 
 SETTING: Final = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}

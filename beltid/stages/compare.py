@@ -126,8 +126,8 @@ def agreement(
         result,
         facts={
             "runs_compared": n,
-            "runs_measured": result.n_measured,
-            "runs_simulated": result.n_simulated,
+            "runs_measured": len(measured["run"]),
+            "runs_simulated": len(simulated["run"]),
             "within_two_u_validation": f"{facts['within_2u']} of {n} runs",
             "rms_over_u_validation": facts["rms_e_over_u"],
             "u_validation_mostly_from": dominant(budget),

@@ -21,7 +21,7 @@ from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
 from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
-from beltid.identify.press.recording import BranchSamples, StiffnessSettings
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.identify.slip import GROSS_SLIP, OK, SlipResult, fit_slip, required_pulley_speeds
 from beltid.laws.capstan import STRAIGHT, Spans, friction_coefficient
@@ -102,28 +102,25 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
     result = fit_stiffness(press.columns, StiffnessSettings(**config.press.si()))
     parts = []
     for curve in result.recording.curves:
-        for branch in curve.branches:
+        for name, branch in curve.branches.items():
             position, force = _means_of_neighbours(branch)
             part = {
-                "test": np.array(curve.recorded.label, dtype=object),
-                "temperature_degC": np.array(curve.recorded.temperature_degC),
+                "test": np.array(curve.test, dtype=object),
+                "temperature_degC": np.array(curve.temperature_degC),
                 "cycle": np.array(curve.cycle, dtype=np.int64),
-                "branch": np.array(branch.name, dtype=object),
-                "penetration_m": position - result.pooled.contact_m[curve.recorded.label],
+                "branch": np.array(name, dtype=object),
+                "penetration_m": position - result.pooled.contact_m[curve.test],
                 "line_force_N_m": force,
             }
             parts.append({name: np.broadcast_to(x, force.shape) for name, x in part.items()})
     return Outcome(joined(parts), result)
 
 
-def _means_of_neighbours(branch: BranchSamples) -> list[np.ndarray]:
-    """Return positions and forces of a branch, thinned."""
-    n = branch.position_m.size
+def _means_of_neighbours(branch: np.ndarray) -> np.ndarray:
+    """Return positions and forces (2, k) of a branch, thinned."""
+    n = branch.shape[1]
     starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
-    return [
-        np.add.reduceat(values, starts[:-1]) / np.diff(starts)
-        for values in (branch.position_m, branch.force_N_m)
-    ]
+    return np.add.reduceat(branch, starts[:-1], axis=1) / np.diff(starts)
 
 
 def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:

@@ -131,7 +131,6 @@ def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
         "no measured run with these settings": 1,
     }
     assert dict(result.not_compared_runs)["simulated S999"] == "no measured run with these settings"
-    assert (result.n_measured, result.n_simulated) == (36, 36)
 
 
 @pytest.mark.parametrize(

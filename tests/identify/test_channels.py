@@ -53,18 +53,17 @@ def limit(fine, message):
 
 def test_gaps_and_spikes_are_counted_once_each():
     c = columns()
-    tight, slack, t, speed = c[TIGHT], c[SLACK], c["time_s"], c[SPEED]
+    tight, slack, speed = c[TIGHT], c[SLACK], c[SPEED]
     tight[[60, 61]], slack[[61, 70]] = np.nan, 0.0
     tight[100], slack[[100, 120]] = tight[100] + 40.0, slack[[100, 120]] - 30.0
-    t[150] = np.nan
     speed[[10, 11, 170]] = -9999.0, 9.9e37, np.inf  # marks of an overflow
     found, run = prepared(**c, temperature=np.arange(float(N)))
     assert run.n_spikes == 2  # samples 100 and 120
-    assert run.n_missing == 3 + 1  # samples 60, 61 and 70; the row without a time
-    assert found.time_s.size == N - 1
+    assert run.n_missing == 3  # samples 60, 61 and 70
+    assert found.time_s.size == N
     assert np.flatnonzero(~found.usable).tolist() == [60, 61, 70, 100, 120]
-    assert found.temperature[150] == 151.0
-    assert found.speed.tolist() == [0.0] * FIRST + [0.2] * (N - FIRST - 1)
+    assert found.temperature[150] == 150.0
+    assert found.speed.tolist() == [0.0] * FIRST + [0.2] * (N - FIRST)
     assert not found.rounding_N.any()
 
 
@@ -74,7 +73,6 @@ LOST = np.random.default_rng(0).permutation(N)
 @pytest.mark.parametrize(
     ("name", "value", "most", "message"),
     [
-        ("time_s", np.nan, 100, "time_s is missing"),
         (TIGHT, np.nan, 60, f"{TIGHT} is missing in 30.5 %"),
         (SLACK, np.nan, 60, f"{SLACK} is missing in 30.5 %"),
         (TIGHT, -5.0, 60, f"{TIGHT} is not positive in 30.5"),
@@ -93,7 +91,6 @@ def test_a_channel_may_lack_so_many_samples(name, value, most, message):
     ("changed", "message"),
     [
         ({name: values[:1] for name, values in columns().items()}, "too short"),
-        ({"time_s": np.append(0.05 * np.arange(80), 0.05 * np.arange(120))}, "goes back"),
         ({"time_s": np.full(N, 2.0)}, "stands still"),
         ({TIGHT: np.full(N, 250.0)}, f"{TIGHT} is dead"),
     ],

@@ -5,30 +5,21 @@ The block means z of ln(T_tight/T_slack) of run r follow (M1) of :mod:`beltid.mi
     z_r = y_r [1 + T_r(x)] + L_r + N_r + c_r (w + u),  T_r(x) = sum_k A_k exp(-x/(l_k s_r^p)),  (S2)
 
 with the level y = mu beta (flat prior) and, shared by all runs, the spectrum A_k = exp(eta_k) of
-the sticking peak's tail, whose logarithm eta is smooth: rubber relaxes along a mixture of
-exponentials over the travel x. The length of the tail is a power p of the settings s (speed,
-tension, level). L holds the drifts that all runs share: of the zero of either cell, of mu, and
-slow decays of the build-up; N what is a run's own: ripples, the rest of the build-up, height and
-length of its tail, a ripple once per turn. The noise is white, w, plus zeros that wander, u:
-Ornstein–Uhlenbeck processes of several memories, the longest counted from the rest. c is the
-sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too:
-those of their sum and difference that go with the tension are relaxation, and friction released.
+the sticking peak's tail over the travel x, whose logarithm is smooth; a power p of the settings s
+(speed, tension, level) in its length; drifts and slow decays L. N is a run's own: ripples, the rest
+of the build-up, height and length of its tail. The noise is white, w, plus zeros that wander, u:
+Ornstein–Uhlenbeck processes of several memories. c is the sensitivity of z to a newton at a cell.
 
-The difference of the cells of run r at rest (tight less slack) is
+The difference of the cells of run r at rest (tight less slack), and the error of z by the cells are
 
-    D_r = d_r (zeta + w_r + (gamma + g) T_r) + (h + f_r) T_r + noise.                          (S3)
-
-The zeros differ by zeta in all runs and by w in each, the gains by gamma; d = -1 where the pulley
-turns the other way, so that the cells change places. Friction holds shares of the tension in a belt
-at rest: h in all runs towards the span that will pull, g towards one side of the bench, f in each.
-So the rest shows zeros (newtons, whatever the tension); shares of the tension may be held friction,
-and no gain is corrected by them, unless the belt was rocked free (`free_at_rest`). A gain shows
-where runs turn in both directions: it changes the sign of its effect on ln(T_tight/T_slack),
-
+    D_r = d_r (zeta + w_r + (gamma + g) T_r) + (h + f_r) T_r + noise,                          (S3)
     e_r = d_r [q_r (zeta + w_r) + gamma],   q_r = (1/T_tight + 1/T_slack)/2,                   (S4)
 
-friction does not. A common error of both zeros is never visible at rest; it has the size of their
-difference.
+with zeros zeta of all runs and w of one, gains that differ by gamma, and shares of the tension that
+friction holds at rest: h in all runs towards the span that will pull, g towards one side of the
+bench, f in each. d = -1 where the pulley turns the other way. So the rest shows zeros, but no gain,
+unless the belt was rocked free (`free_at_rest`); runs in both directions show it. The sizes, and
+why they are as they are: docs/theory.md.
 """
 
 from __future__ import annotations
@@ -51,21 +42,17 @@ MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 LENGTHS_M = np.geomspace(3e-4, 0.3, 20)  # lengths l_k of the exponentials of a tail
 FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in z: practically free
 POWER = 0.4  # standard deviation of the powers of the settings in the length of the tail
-SLOW = 3.0
-"""Error of a mean by the noise at rest, over that while sliding, beyond which the noise is slow."""
+SLOW = 3.0  # error of a mean by noise at rest over that while sliding, beyond which it is slow
 RUNS = 32  # evenly chosen runs that determine the sizes; more would add nothing
 FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run to that of its bench
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
-"""Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
+"""Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities; the same
+of friction released and of relaxation at rest [1/s], of a drift of mu, of slow decays [-]."""
 RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
-"""The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
 RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
-"""The same of a belt that relaxes at rest, in both spans alike [1/s]."""
-DRIFT = ((3e-4, 0.98), (3e-2, 0.02))  # the same of a drift of mu over a run, relative
+DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
-"""The same of slow decays of the build-up, relative to the level."""
-SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
-"""Turns between the sizes and the tail; steps of the search in the first turn, and later."""
+FIRST_STEPS, STEPS = 20, 100  # of the search for the sizes in the first turn, and in the second
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -105,7 +92,6 @@ class Bench:
         self.T0 = float(np.median([r.rest.tension_N for r in records]))
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
         self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
-        self.release, self.relaxation = np.zeros((2, R, m, 1))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
         middle_level = np.median(self.level)
@@ -138,8 +124,6 @@ class Bench:
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
             self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
-            self.release[i, 0, 0] = rest.tension_N / error[0]
-            self.relaxation[i, 1, 0] = rest.tension_N / error[1]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
         n = np.array([r.count.sum() for r in records])
@@ -172,8 +156,8 @@ class Bench:
             Shared("zeros", self.zeros, choices=zeros),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
-            Shared("release", self.release, choices=RELEASE),
-            Shared("relaxation", self.relaxation, choices=RELAXATION),
+            Shared("release", self.rest[..., :1], choices=RELEASE),
+            Shared("relaxation", self.rest[..., 1:], choices=RELAXATION),
         ]
         own = [
             Own("free", Size(1.0), covariance=self.fixed),
@@ -205,8 +189,7 @@ class BenchFit:
 
     def _exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
-        length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
-        u = travel[:, None] / length
+        u = travel[:, None] / (LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers))
         columns = self.bench.level[k] * np.exp(-u)
         return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
 
@@ -285,14 +268,12 @@ def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
         clocks.append(np.array([1.0, 0.0, 0.0]))
     turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}, FIRST_STEPS) for powers in clocks]
     powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
-    for _ in range(SWEEPS - 1):
-        powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
+    powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
     sizes, converged, scale = found.sizes, found.converged, np.ones(len(records))
     bench = some if len(chosen) == len(records) else Bench(records, centre)
     for _ in range(2):
         found = bench.model(powers, A, scale).at(sizes)
-        A, _ = found.of("tail")
-        scale = noise_scale(bench, found)
+        A, scale = found.of("tail")[0], noise_scale(bench, found)
     found = bench.model(powers, A, scale).at(sizes)
     return BenchFit(bench, found, powers, A, scale, converged)
 
@@ -307,8 +288,7 @@ def _turn(
 ) -> tuple[Array, Array, Array | float, Posterior]:
     """Improve the shape of the tail and the noise of the runs, then the sizes."""
     # slow noise from above: a size that is too small has no slope
-    above = {f"memory {tau:g} s": 3.0 * bench.slow_N for tau in MEMORIES_S[:-1]}
-    sizes = sizes or above
+    sizes = sizes or {f"memory {tau:g} s": 3.0 * bench.slow_N for tau in MEMORIES_S[:-1]}
     for _ in range(2):
         posterior = bench.model(powers, A, scale).at(sizes)
         powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
@@ -320,11 +300,9 @@ def _turn(
 
 CELL_ZEROS = ((1e-5, 0.5), (3e-4, 0.125), (1e-3, 0.125), (3e-3, 0.125), (1e-2, 0.125))
 """Sizes of zeta over the median initial tension, with their probabilities."""
-HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))
-"""The same of h."""
-OWN_ZERO, OWN_HELD = Size(5e-4, 1.5), Size(5e-4, 1.5)
-"""Sizes of w, over the median initial tension, and of f."""
-GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # the same of gamma, over what is stated
+HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))  # of h, g
+GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # of gamma, over what is stated
+OWN_SIZE = Size(5e-4, 1.5)  # of w, over the median initial tension, and of f
 SETTINGS, ARCS, SCATTER = 0.3, 0.03, Size(3e-3, 1.0)
 """How mu of the runs in both directions may change: powers of tension and speed, between the arcs,
 from run to run (relative)."""
@@ -370,18 +348,17 @@ def cell_errors(
         shared.append(Shared("gain", (d * T)[:, None], choices=gains))
     own = [
         Own("noise", Size(1.0), diagonal=noise),
-        Own("own zero", OWN_ZERO, diagonal=np.full(D.size, unit)),
+        Own("own zero", OWN_SIZE, diagonal=np.full(D.size, unit)),
     ]
     if not free_at_rest:
-        shared.append(Shared("held", T[:, None], choices=HELD))
-        if both_ways:
-            shared.append(Shared("held aside", (d * T)[:, None], choices=HELD))
-        own.append(Own("own held", OWN_HELD, diagonal=T))
+        directions = [T, d * T] if both_ways else [T]
+        held = [Shared(f"held {k}", x[:, None], choices=HELD) for k, x in enumerate(directions)]
+        shared, own = [*shared, *held], [*own, Own("own held", OWN_SIZE, diagonal=T)]
     model = Mixed(D, shared, own)
     posterior = model.fit()
     own_zero_N = posterior.sizes["own zero"] * unit
-    held = posterior.sizes.get("own held", 0.0) * T
-    part = own_zero_N**2 / (np.square(noise) + own_zero_N**2 + held**2)
+    own_held_N = posterior.sizes.get("own held", 0.0) * T
+    part = own_zero_N**2 / (np.square(noise) + own_zero_N**2 + own_held_N**2)
     zeta = posterior.mean[0] * unit
     zeros = zeta + d * part * posterior.residual[0]
     inverse = 1.0 / np.array([record.tensions_N for record in records])

@@ -24,7 +24,7 @@ from beltid.identify.estimators import (
     running_median,
     spike_mask,
 )
-from beltid.identify.friction.run import PERFECT, SPANS, RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import PERFECT, SPANS, RunRecord, RunReduction, reject
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,6 +40,7 @@ MARKED = 10.0
 """Ratio to its neighbours and to nearly all samples above which a speed is an overflow mark."""
 LEAST_ANSWER = 0.02  # smallest change of a cell relative to the change of the other one
 BLOCKS = 4096  # number of blocks that a run of more than twice as many samples is averaged over
+FEWEST_BUILT = 3  # fewest samples of the build-up that show its travel
 FEWEST_TURNING = 20
 """Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
 
@@ -47,38 +48,25 @@ FEWEST_TURNING = 20
 def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`.
 
-    Rows without a time are left out. Counts of spikes and missing samples are set in the result.
+    Counts of spikes and missing samples are set in the result.
     """
-    timed = np.isfinite(record.time_s)
-    n = record.time_s.size
-    if n < 2:
-        raise RunRejected(f"too short: {n} samples")
-    if np.count_nonzero(timed) < max(0.5 * n, 2):
-        raise RunRejected(f"time_s is missing in {n - np.count_nonzero(timed)} of {n} samples")
-    t = record.time_s[timed]
-    back = np.flatnonzero(np.diff(t) < 0.0)
-    if back.size:
-        k = int(back[0])
-        raise RunRejected(
-            f"time_s goes back from {t[k]:g} to {t[k + 1]:g} s at sample {k + 2}: not one recording"
-        )
-    if t[-1] <= t[0]:
-        raise RunRejected(f"time_s stands still at {t[0]:g} s")
-    tensions, spikes = record.tensions[timed], np.zeros((t.size, 2), dtype=bool)
-    is_read = record.kind.measures == "two_cells" and not record.kind.running
-    cells = record.kind.cells if is_read else PERFECT
+    t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
+    reject((t.size < 2, f"too short: {t.size} samples"))
+    reject((t[-1] <= t[0], f"time_s stands still at {t[0]:g} s"))
+    is_read = kind.measures == "two_cells" and not kind.running
+    cells = kind.cells if is_read else PERFECT
     last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
     step, rounding_N = resolution(*last), np.zeros(2)
+    spikes = np.zeros(tensions.shape, dtype=bool)
     for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
-        if span != record.kind.weight:
+        if span != kind.weight:
             values, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
             noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
             rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
             tensions[:, k] = values
-    lost = np.any(~(np.isfinite(tensions) | spikes), axis=1)
     run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
-    run.n_missing = int(np.count_nonzero(lost)) + n - t.size
-    columns = [_untied(t), tensions, _speed(t, record.speed[timed]), record.temperature[timed]]
+    run.n_missing = int(np.count_nonzero(np.any(~(np.isfinite(tensions) | spikes), axis=1)))
+    columns = [_untied(t), tensions, _speed(t, record.speed), record.temperature]
     if t.size >= 2 * BLOCKS:
         starts = np.arange(0, t.size, t.size // BLOCKS)
         columns = [block_means(x, starts) for x in columns]
@@ -100,21 +88,16 @@ def _untied(t: Array) -> Array:
 def _tension(values: Array, name: str) -> tuple[Array, Mask]:
     """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
-    present = np.isfinite(clean)
-    for lacks, bad in (("missing", ~present), ("not positive", ~(clean > 0.0))):
-        if (share := np.mean(bad)) > MAX_MISSING:
-            raise RunRejected(
-                f"{name} is {lacks} in {100 * share:.3g} % of the samples, "
-                f"allowed is {100 * MAX_MISSING:g} %"
-            )
-    low, high = float(np.min(clean[present])), float(np.max(clean[present]))
-    if low == high:
-        raise RunRejected(f"{name} is dead: {low:g} N throughout")
+    lost = {"missing": np.isnan(clean), "not positive": ~(clean > 0.0)}
+    allowed = f"of the samples, allowed is {100 * MAX_MISSING:g} %"
+    for lacks, share in {lacks: np.mean(bad) for lacks, bad in lost.items()}.items():
+        reject((share > MAX_MISSING, f"{name} is {lacks} in {100 * share:.3g} % {allowed}"))
+    low, high = np.nanmin(clean), np.nanmax(clean)
+    reject((low == high, f"{name} is dead: {low:g} N throughout"))
     # an exact zero is a lost reading; a negative one may be the noise of a nearly slack span, and
     # excluding those would bias the mean
-    present &= clean != 0.0
-    clean[~present] = np.nan
-    spikes = np.zeros(values.size, dtype=bool)
+    clean[clean == 0.0] = np.nan
+    present, spikes = np.isfinite(clean), np.zeros(values.size, dtype=bool)
     spikes[present] = spike_mask(clean[present], SPIKE)
     clean[spikes] = np.nan
     _require_range(clean[np.isfinite(clean)], name)
@@ -129,21 +112,17 @@ def _require_range(x: Array, name: str) -> None:
         return
     for y in (x, -x):
         near, count = np.mean(y > 0.5 * (y.max() + y.min())), np.count_nonzero(y == y.max())
-        share = count / (near * x.size)
-        if count >= FEWEST_CLIPPED and share > CLIPPED:
-            raise RunRejected(
-                f"{name} is saturated: {100 * share:.3g} % of the samples near its extreme "
-                f"are {x[np.argmax(y)]:g} N"
-            )
+        share, extreme = count / (near * x.size), x[np.argmax(y)]
+        found = f"{100 * share:.3g} % of the samples near its extreme are {extreme:g} N"
+        is_clipped = count >= FEWEST_CLIPPED and share > CLIPPED
+        reject((is_clipped, f"{name} is saturated: {found}"))
 
 
 def _speed(t: Array, speed: Array) -> Array:
     """Return the speed of the pulley with gaps and overflow marks interpolated."""
     present = np.isfinite(speed)
-    if np.count_nonzero(present) < 0.5 * speed.size:
-        raise RunRejected(
-            f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples"
-        )
+    lost = f"{np.count_nonzero(~present)} of {speed.size} samples"
+    reject((np.mean(present) < 0.5, f"pulley_speed_rad_s is missing in {lost}"))
     size = np.abs(np.where(present, speed, 0.0))
     # divided, not multiplied: ten times an infinite speed is no number
     present &= size / MARKED <= running_median(size, 7) + np.quantile(size, 0.95)
@@ -165,27 +144,20 @@ class Rotation:
 def find_rotation(speed: Array) -> Rotation:
     """Locate the rotation in finite speeds [rad/s], (n,); `RunRejected` if none is long enough."""
     smooth = running_median(speed, 5)
-    magnitude = np.abs(smooth)
-    noise = difference_sigma(speed)
-    least = min(FEWEST_TURNING, 0.05 * speed.size)
-    # the larger share is safe from glitches; a long rest leaves the rotation a smaller one
-    for turning in (0.05 * speed.size, least):
-        reached = float(np.quantile(magnitude, 1.0 - turning / speed.size))
-        first, end = _first_rotation(magnitude, reached)
-        top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
-        quiet = np.abs(speed[magnitude <= 0.5 * top])
-        # speed noise grows with the speed on most encoders: compare with the rest phase
-        background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
-        if top > max(5.0 * noise, 2.0 * background):
-            break
-    else:
-        fastest = float(np.max(magnitude))
-        if fastest > max(10.0 * top, 10.0 * noise):
-            raise RunRejected(f"too short: the pulley turns in fewer than {least:.0f} samples")
-        raise RunRejected(
+    magnitude, noise = np.abs(smooth), difference_sigma(speed)
+    least = min(FEWEST_TURNING, 0.05 * speed.size)  # a glitch is shorter
+    first, end = _first_rotation(magnitude, float(np.quantile(magnitude, 1 - least / speed.size)))
+    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+    quiet, fastest = np.abs(speed[magnitude <= 0.5 * top]), float(np.max(magnitude))
+    # speed noise grows with the speed on most encoders: compare with the rest phase
+    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+    if top <= max(5.0 * noise, 2.0 * background):
+        few = f"too short: the pulley turns in fewer than {least:.0f} samples"
+        still = (
             f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s of its "
             "level; a run whose speed falls or rises throughout: give plateaus, as a table"
         )
+        reject((fastest > max(10.0 * top, 10.0 * noise), few), (True, still))
     threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
     while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
         first -= 1
@@ -198,12 +170,12 @@ def find_rotation(speed: Array) -> Rotation:
 
 def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
     """Return first and end index of the first rotation of the pulley; ignore later ones."""
-    edges = np.diff(np.concatenate([[0], (magnitude > 0.1 * reached).astype(np.int8), [0]]))
+    edges = np.diff(np.pad((magnitude > 0.1 * reached).astype(np.int8), 1))
     starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     if starts.size == 0 or reached <= 0.0:
         return 0, 0
-    long = ends - starts >= max(0.2 * float(np.max(ends - starts)), 4.0)
-    k = int(np.argmax(long)) if long.any() else int(np.argmax(ends - starts))
+    length = ends - starts
+    k = int(np.argmax(length >= min(max(0.2 * np.max(length), 4.0), np.max(length))))
     level = 0.5 * median(magnitude[starts[k] : ends[k]])
     inside = np.flatnonzero(magnitude[starts[k] : ends[k]] > level)
     return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
@@ -213,8 +185,7 @@ def _second_half(channels: RunRecord, rotation: Rotation) -> Array:
     """Return the usable tensions (n, 2) of the second half of the time at full speed."""
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     tensions = channels.tensions[half][channels.usable[half]]
-    if len(tensions) < 3:
-        raise RunRejected(f"too short: {len(tensions)} usable samples of sliding")
+    reject((len(tensions) < 3, f"too short: {len(tensions)} usable samples of sliding"))
     return tensions
 
 
@@ -223,8 +194,7 @@ def unswapped(channels: RunRecord, rotation: Rotation) -> tuple[RunRecord, bool]
     tight, slack = _second_half(channels, rotation).T
     if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
         return channels, False
-    if channels.kind.reversed:
-        raise RunRejected(channels.kind.reversed)
+    reject((bool(channels.kind.reversed), channels.kind.reversed))
     tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
     return replace(channels, tensions=tensions, rounding_N=rounding_N), True
 
@@ -250,6 +220,15 @@ class SlidingPhase:
     built: int  # first sample at which nine tenths of the build-up are reached
     slide: int  # first sample that is certainly after the build-up
 
+    @property
+    def take_up(self) -> float:
+        """Angle of the build-up [rad], by its first two thirds: its end may be slow; or nan."""
+        difference = self.tensions[:, 0] - self.tensions[:, 1]
+        at_rest, settled = median(difference[: self.first]), median(difference[self.slide :])
+        building = difference[self.first : self.built + 1]
+        samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
+        return 1.5 * float(self.angle[self.first + samples]) if samples >= FEWEST_BUILT else np.nan
+
 
 def sliding_phase(channels: RunRecord, rotation: Rotation) -> SlidingPhase:
     """Find where the whole belt slides; `RunRejected` if never, or a cell does not respond."""
@@ -259,31 +238,27 @@ def sliding_phase(channels: RunRecord, rotation: Rotation) -> SlidingPhase:
     first = int(np.searchsorted(keep, rotation.first))
     difference = tensions[:, 0] - tensions[:, 1]
     n = t.size
-    if n - first < 8:
-        raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
+    reject((n - first < 8, f"too short: {n - first} usable samples while the pulley turns"))
     if channels.kind.weight is None:
         # both ends are fixed: both tensions change
         rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
         change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
-        k = int(np.argmin(change))
-        if change[k] < LEAST_ANSWER * change[1 - k] and change[1 - k] > 0.2 * np.median(rest):
-            raise RunRejected(
-                f"tension_{SPANS[k]}_N is dead: it changes by {change[k]:.3g} N while the other "
-                f"cell changes by {change[1 - k]:.3g} N"
-            )
+        small, large = np.sort(change)
+        is_dead = small < LEAST_ANSWER * large and large > 0.2 * np.median(rest)
+        changes = f"it changes by {small:.3g} N while the other cell changes by {large:.3g} N"
+        reject((is_dead, f"tension_{SPANS[int(np.argmin(change))]}_N is dead: {changes}"))
     # halve the time, not the samples: a simulated recording has most of them in the build-up
     middle = 0.5 * float(t[first] + t[-1])
     settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
     at_rest = median(difference[:first])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    if settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])):
-        raise RunRejected(
-            f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns"
-        )
+    part = f"the tensions part by {settled - at_rest:.3g} N while the pulley turns"
+    is_held = settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1]))
+    reject((is_held, f"never slides: {part}"))
     reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
     build_up = int(np.argmax(reached))
-    if t[first + build_up] > middle:
-        raise RunRejected("never slides: the tensions still part at the end of the record")
+    is_late = t[first + build_up] > middle
+    reject((is_late, "never slides: the tensions still part at the end of the record"))
     rise_s = float(t[first + build_up] - t[first])
     # a sample at exactly this time counts as before, whatever the rounding of the clock
     end_s = t[first] + (1.5 + 1e-3 / max(build_up, 1)) * rise_s
@@ -330,10 +305,18 @@ def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
     Samples whose tensions already separate (a lagging speed channel) are left out; `RunRejected` if
     fewer than `MIN_SAMPLES` remain.
     """
-    kept = _quiet_samples(tensions)
-    mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
+    usable = np.all(np.isfinite(tensions), axis=1)
+    t, tensions = t[usable], tensions[usable]
+    found = f"{t.size} usable samples before the pulley turns, must be >= {MIN_SAMPLES}"
+    reject((t.size < MIN_SAMPLES, f"no rest phase: {found}"))
+    difference = tensions[:, 0] - tensions[:, 1]
+    half = difference[: max(MIN_SAMPLES, t.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
+    quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
+    end = max(int(quiet[-1]) + 1 if quiet.size else 0, MIN_SAMPLES)
+    mean, difference = 0.5 * tensions[:end].sum(axis=1), difference[:end]
     near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
-    mean, difference, time = mean[near], difference[near], t[kept][near]
+    mean, difference, time = mean[near], difference[near], t[:end][near]
     n = difference.size
     slope, slope_se = _slope(time, difference)
     sum_slope, sum_se = _slope(time, 2.0 * mean)
@@ -355,22 +338,6 @@ def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
         slopes_N_s=(slope, sum_slope),
         slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
     )
-
-
-def _quiet_samples(tensions: Array) -> NDArray[np.intp]:
-    """Find the samples at rest with both tensions, before the tensions separate."""
-    usable = np.flatnonzero(np.all(np.isfinite(tensions), axis=1))
-    if usable.size < MIN_SAMPLES:
-        raise RunRejected(
-            f"no rest phase: {usable.size} usable samples before the pulley turns, "
-            f"must be >= {MIN_SAMPLES}"
-        )
-    tight, slack = tensions[usable].T
-    difference = tight - slack
-    half = difference[: max(MIN_SAMPLES, usable.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight))
-    quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
-    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, MIN_SAMPLES)]
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float]:
@@ -398,9 +365,14 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     levels = np.unique(stated)
     if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
         return ""
-    offset_N, offset_apart = _median_level(measured - stated, stated)
-    excess, excess_apart = _median_level(measured / stated - 1.0, stated)
-    if offset_apart < excess_apart:
+    found = np.array([measured - stated, measured / stated - 1.0])
+    of_levels = [[median(x[stated == level]) for level in levels] for x in found]
+    offset_N, excess = (median(np.array(of)) for of in of_levels)
+    apart = [
+        mad_sigma(of) / max(abs(middle), 1e-300)
+        for of, middle in zip(of_levels, (offset_N, excess), strict=True)
+    ]
+    if apart[0] < apart[1]:
         is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
         remedy = (
             "were the load cells tared? State their readings without load as "
@@ -413,16 +385,9 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
             "State a known error of the cells as friction.tension_tight_gain and "
             "friction.tension_slack_gain"
         )
-    if not is_large or min(offset_apart, excess_apart) > AGREE:
+    if not is_large or min(apart) > AGREE:
         return ""
     return (
         f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
         f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
     )
-
-
-def _median_level(values: Array, stated: Array) -> tuple[float, float]:
-    """Return the median over the levels of tension, and their scatter relative to it."""
-    of_levels = np.array([median(values[stated == level]) for level in np.unique(stated)])
-    middle = median(of_levels)
-    return middle, mad_sigma(of_levels) / max(abs(middle), 1e-300)

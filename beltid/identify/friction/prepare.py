@@ -11,7 +11,6 @@ where only the level remains.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,12 +22,10 @@ from beltid.identify.estimators import (
     difference_sigma,
     line_columns,
     mad_sigma,
-    median,
     strongest_line,
 )
 from beltid.identify.friction.channels import (
     Rest,
-    Rotation,
     SlidingPhase,
     as_if_held,
     find_rotation,
@@ -37,7 +34,14 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.run import NAN, SPANS, RunRecord, RunReduction, RunRejected, Span
+from beltid.identify.friction.run import (
+    SPANS,
+    RunRecord,
+    RunReduction,
+    RunRejected,
+    Span,
+    reject,
+)
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -52,7 +56,6 @@ ROUNDING_NOTED = 1e-4  # rounding error of ln(T_tight/T_slack) above which a not
 MAX_IMBALANCE = 0.2  # largest difference of the two cells at rest over their mean [-]
 MAX_NOISE_RATIO = 2.5
 """Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
-FEWEST_BUILT = 3  # fewest samples of the build-up that show its travel
 ONSET = 200  # most samples of the build-up that are kept for the sticking peak
 
 
@@ -69,8 +72,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     weight = record.kind.weight
-    if record.defect:
-        raise RunRejected(record.defect)
+    reject((bool(record.defect), record.defect))
     channels = read_channels(record, run)
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
@@ -78,7 +80,16 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + velocity)
     run.slip_speed_m_s = float(sliding_speed(rotation.speed_rad_s, R))
     run.start_time_s = float(channels.time_s[rotation.first])
-    run.notes = tuple(_rotation_notes(rotation, channels))
+    change = rotation.unsteadiness
+    found = f"it changes by {100 * change:+.3g} %, allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
+    is_changing = abs(change) > SPEED_CHANGE_ALLOWED
+    reject((is_changing, f"the pulley speed is not steady: {found}"))
+    if rotation.reversed and not record.kind.running:
+        run.notes += ("the pulley speed is negative: its magnitude is used",)
+    if abs(change) > SPEED_CHANGE_NOTED:
+        run.notes += (f"the pulley speed changes by {100 * change:+.2g} %",)
+    if channels.time_s.size - rotation.end > 2:
+        run.notes += (f"the pulley stops at {channels.time_s[rotation.end]:.4g} s",)
     before = slice(rotation.first)
     rest = rest_state(channels.time_s[before], channels.tensions[before], channels.rounding_N)
     half = 0.5 * rest.imbalance_N
@@ -89,11 +100,9 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
-    if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
-        raise RunRejected(
-            f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
-            f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
-        )
+    found = f"{rest.imbalance_N:+.4g} N at rest at a mean of {rest.tension_N:.4g} N"
+    is_off = abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N
+    reject((is_off, f"the cells differ by {found}, allowed is {100 * MAX_IMBALANCE:g} %"))
     channels, run.swapped = unswapped(channels, rotation)
     if run.swapped:
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
@@ -101,10 +110,10 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
     held = channels if weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
-    run.take_up_m = R * _take_up(phase)
+    run.take_up_m = R * phase.take_up
     n = phase.time_s.size - phase.slide
-    if n < FEWEST_SLIDING:
-        raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
+    few = f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}"
+    reject((n < FEWEST_SLIDING, few))
     sliding = sliding_record(phase, rest, channels.rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
@@ -115,37 +124,10 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
     floor = max(1e-3 / sliding.sensitivity, float(np.max(channels.rounding_N)))
     ratio = sliding.unrest_N / max(noise_N, floor)
-    if ratio > MAX_NOISE_RATIO and rest.n_samples >= 8:
-        raise RunRejected(
-            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {MAX_NOISE_RATIO:g} times"
-        )
+    found = f"{ratio:.2g} times that at rest, allowed is {MAX_NOISE_RATIO:g} times"
+    is_rough = ratio > MAX_NOISE_RATIO and rest.n_samples >= 8
+    reject((is_rough, f"sticks and slips: the noise while sliding is {found}"))
     return sliding
-
-
-def _take_up(phase: SlidingPhase) -> float:
-    """Return the angle of the build-up [rad], by its first two thirds: its end may be slow."""
-    difference = phase.tensions[:, 0] - phase.tensions[:, 1]
-    at_rest, settled = median(difference[: phase.first]), median(difference[phase.slide :])
-    building = difference[phase.first : phase.built + 1]
-    samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
-    return 1.5 * float(phase.angle[phase.first + samples]) if samples >= FEWEST_BUILT else NAN
-
-
-def _rotation_notes(rotation: Rotation, channels: RunRecord) -> Iterator[str]:
-    """Yield notes on the rotation; raise `RunRejected` if the speed is not steady."""
-    change = rotation.unsteadiness
-    if abs(change) > SPEED_CHANGE_ALLOWED:
-        raise RunRejected(
-            f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
-            f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
-        )
-    if rotation.reversed and not channels.kind.running:
-        yield "the pulley speed is negative: its magnitude is used"
-    if abs(change) > SPEED_CHANGE_NOTED:
-        yield f"the pulley speed changes by {100 * change:+.2g} %"
-    if channels.time_s.size - rotation.end > 2:
-        yield f"the pulley stops at {channels.time_s[rotation.end]:.4g} s"
 
 
 def _noise_at_rest(rest: Rest, channels: RunRecord, sliding: SlidingRecord) -> float:

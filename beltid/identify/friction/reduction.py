@@ -16,12 +16,12 @@ scatter: a uniform distribution of this width has the standard deviation ``r / s
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -39,7 +39,7 @@ from beltid.identify.friction.run import (
     RunRecord,
     RunReduction,
     RunRejected,
-    arc_problem,
+    reject,
     run_records,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
@@ -49,6 +49,7 @@ Array = NDArray[np.float64]
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
 SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
+OF_ROW = (*STATED, *SPEEDS, "temperature_degC")
 
 
 def reduce_plateaus(
@@ -76,70 +77,69 @@ def reduce_plateaus(
     if not kind.running:
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
+    label = pd.Series(columns["run"]).astype(str)
+    number = (label.groupby(label).cumcount() + 1).astype(str)
+    label = label.mask(label.duplicated(keep=False), label + "-" + number)
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    labels, counts = [str(label) for label in columns["run"]], Counter[str]()
-    repeated = {label for label, count in Counter(labels).items() if count > 1}
-    for row, label in enumerate(labels):
-        counts[label] += 1
-        labels[row] += f"-{counts[label]}" if label in repeated else ""
-    table |= {"run": np.array(labels, dtype=object), **texts}
+    table |= {"run": label.to_numpy(object), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
     records = run_records(table, R, kind)
-    row_of = {label: row for row, label in enumerate(table["run"])}
+    row_of = {name: row for row, name in enumerate(label)}
     rows = [row_of[record.result.run] for record in records]
     ses = table["mu_se"][rows]
     if not direct and np.isfinite(resolution_N):
-        ses = np.where(np.isfinite(ses), ses, _by_resolution(table, R, kind, resolution_N))
+        ses = np.where(np.isfinite(ses), ses, _se_by_resolution(table, R, kind, resolution_N))
     for record, row, se in zip(records, rows, ses.tolist(), strict=True):
-        run = record.result
+        run, own = record.result, {name: float(table[name][row]) for name in OF_ROW}
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
-        run.temperature_degC, run.n_samples = float(table["temperature_degC"][row]), 1
-        run.pulley_speed_rad_s = abs(float(table["pulley_speed_rad_s"][row]))
-        relative, v = float(record.speed[0]), float(table["slip_speed_m_s"][row])
-        run.slip_speed_m_s = abs(sliding_speed(relative, R) if np.isnan(v) else v)
+        run.temperature_degC, run.n_samples = own["temperature_degC"], 1
+        run.pulley_speed_rad_s, v = abs(own["pulley_speed_rad_s"]), own["slip_speed_m_s"]
+        run.slip_speed_m_s = abs(sliding_speed(float(record.speed[0]), R) if np.isnan(v) else v)
         if direct:
-            run.mu_sliding, run.normal_force_N_m = (float(table[name][row]) for name in STATED)
+            run.mu_sliding, run.normal_force_N_m = own["mu"], own["normal_force_N_m"]
         else:
-            tight, slack = record.tensions[0].tolist()
-            run.set_plateau(tight, slack, R)
+            run.set_plateau(record.tensions[0, 0], record.tensions[0, 1], R)
         run.mu_sliding_se = se
-        run.status = _problem(run, record.kind) or "ok"
+        run.status = _problem(run, record.kind, direct) or "ok"
     return tuple(record.result for record in records)
 
 
-def _by_resolution(
+def _se_by_resolution(
     table: Mapping[str, NDArray[Any]], R: float, kind: RigKind, resolution_N: float
 ) -> Array:
     """Return the standard error of mu from the resolution of the forces, (n,)."""
     half, changes = 0.5 * resolution_N / np.sqrt(12.0), []
     for name in CELLS:  # the stated resolution applies to forces only
-        mu = []
-        for shift in (-half, half):
-            runs = run_records({**table, name: table[name] + shift}, R, kind)
-            tight, slack = np.array([r.tensions[0] for r in runs]).T
-            arcs = np.radians([r.result.arc_deg for r in runs])
-            mu.append(friction_coefficient(tight, slack, arcs))
-        changes.append(mu[1] - mu[0])
+        low, high = (
+            [
+                friction_coefficient(
+                    r.tensions[0, 0], r.tensions[0, 1], np.radians(r.result.arc_deg)
+                )
+                for r in run_records({**table, name: table[name] + shift}, R, kind)
+            ]
+            for shift in (-half, half)
+        )
+        changes.append(np.subtract(high, low))
     return np.asarray(np.linalg.norm(changes, axis=0))
 
 
-def _problem(run: RunReduction, kind: RigKind) -> str:
+def _problem(run: RunReduction, kind: RigKind, direct: bool) -> str:
     """Return why a plateau cannot be used; empty if it can."""
-    tensions = (run.tension_tight_N, run.tension_slack_N)
-    if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
-        if bad_arc := arc_problem(run.arc_deg):
-            return bad_arc
-        if kind.measures == "torque_hub" and np.isnan(tensions).any():
+    tensions = {"tight": run.tension_tight_N, "slack": run.tension_slack_N}
+    if not direct:
+        if not 0.0 < run.arc_deg <= 3600.0:
+            return f"arc_deg = {run.arc_deg:g}, must be in (0, 3600]"
+        if kind.measures == "torque_hub" and np.isnan([*tensions.values()]).any():
             return (
                 f"torque_N_m and hub_force_N give no tensions at {run.arc_deg:g} deg: the force "
                 "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
                 "does not depend on the sum of the tensions"
             )
-        if tensions[0] < tensions[1] and kind.reversed:
+        if tensions["tight"] < tensions["slack"] and kind.reversed:
             return kind.reversed
-        for name, tension in zip(("tight", "slack"), tensions, strict=True):
+        for name, tension in tensions.items():
             if not tension > 0.0:
                 found = "0 or missing" if np.isnan(tension) else f"{tension:g}"
                 return f"tension_{name}_N = {found}, must be > 0"
@@ -177,17 +177,15 @@ def reduce_records(
     sliding = [(run, record) for run, record in prepared if record is not None]
     if sliding:
         _reduce_together(sliding, R, gain_rel, free_at_rest)
-    results = tuple(run for run, _ in prepared)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
-    tensions = [
-        (run.initial_tension_N, run.nominal_tension_N)
-        for run in results
-        if np.isnan(run.momentum_N)
-    ]
-    if problem := against_stated(*np.array(tensions, dtype=float).reshape(-1, 2).T):
+    at_rest = [run for run, _ in prepared if np.isnan(run.momentum_N)]
+    stated = [run.nominal_tension_N for run in at_rest]
+    if problem := against_stated(
+        np.array([r.initial_tension_N for r in at_rest]), np.array(stated)
+    ):
         raise InputError(problem)
-    return results
+    return tuple(run for run, _ in prepared)
 
 
 def _reduce_together(
@@ -214,8 +212,7 @@ def _reduce_together(
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
-            if not 0.0 < mu <= MAX_MU:
-                raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
+            reject((not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]"))
             _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
             _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
         except RunRejected as reason:
@@ -298,29 +295,31 @@ def _check_fit(
     y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
     misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
-    if bench.scale.size >= FEWEST_FOR_MISFIT and misfits:
-        raise RunRejected(
-            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
-            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
-        )
-    if abs(run.drift) > MAX_DRIFT:
-        raise RunRejected(
-            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
-            f"allowed is {100 * MAX_DRIFT:g} %"
-        )
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
-    if left > MAX_TAIL:
-        raise RunRejected(
-            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
-            f"the end of the record, allowed is {100 * MAX_TAIL:g} %"
-        )
     # errors of the cells do not count here: they do not depend on settling
     error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
-    if error > MAX_ERROR:
-        raise RunRejected(
+    reject(
+        (
+            bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
+            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
+            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
+        ),
+        (
+            abs(run.drift) > MAX_DRIFT,
+            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
+            f"allowed is {100 * MAX_DRIFT:g} %",
+        ),
+        (
+            left > MAX_TAIL,
+            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
+            f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
+        ),
+        (
+            error > MAX_ERROR,
             f"never settles: the standard error of its level is {100 * error:.2g} %, "
-            f"allowed is {100 * MAX_ERROR:g} %"
-        )
+            f"allowed is {100 * MAX_ERROR:g} %",
+        ),
+    )
 
 
 def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:

@@ -20,12 +20,12 @@ the unknown rest.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
@@ -46,6 +46,7 @@ Columns = Mapping[str, Array]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
+OTHER: dict[Span, Span] = {"tight": "slack", "slack": "tight"}
 TURNS = 0.03  # share of the largest speed above which the pulley counts as turning
 LEAST_SLIP = 1e-9  # ratio of sliding speed to belt speed below which the sliding is rounding error
 NAN = float("nan")
@@ -129,7 +130,7 @@ class RigKind:
         beside = "weight_N" if self.weighs else f"tension_{self.torque_with}_N"
         needed = {
             "two_cells": CELLS[:2],
-            "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
+            "dead_weight": ("weight_N", f"tension_{OTHER[self.weight_on]}_N"),
             "torque": ("torque_N_m", beside),
             "torque_hub": ("torque_N_m", "hub_force_N"),
         }[self.measures] + ("belt_speed_m_s",) * self.running
@@ -139,7 +140,7 @@ class RigKind:
         """Return this kind with what a recording holds beside a torque, or raise `InputError`."""
         found = self
         if self.measures == "torque":
-            both = (self.torque_with, other(self.torque_with))
+            both = (self.torque_with, OTHER[self.torque_with])
             spans = [span for span in both if _has_values(columns, f"tension_{span}_N")]
             weighs = not spans and _has_values(columns, "weight_N")
             if not (spans or weighs):
@@ -160,7 +161,7 @@ class RigKind:
         """What explains a slack tension above the tight one; empty for two cells."""
         if self.measures == "dead_weight":
             return (
-                f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
+                f"the cell shows that the weight hangs on the {OTHER[self.weight_on]} span while "
                 f"the pulley turns, but the config states rig.holds: weight_{self.weight_on}"
             )
         if self.has_torque:
@@ -171,29 +172,25 @@ class RigKind:
             )
         return ""
 
-    def tensions(
-        self, columns: Columns, arc_deg: float | Array, R: float, drag: Drag | None = None
-    ) -> tuple[Array, Array]:
-        """Compute the tensions that press the belt on an arc [deg], radius R [m], (n,) each [N]."""
-        if not self.has_torque:
-            return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
-        torque, magnitude, _ = _turning(columns)
-        if drag is not None:
-            torque = torque - drag.at(magnitude)
+    def tensions(self, columns: Columns, arc_deg: float | Array, R: float) -> tuple[Array, Array]:
+        """Compute the tensions that press the belt on an arc [deg], radius R [m], (n,) each [N].
+
+        A torque is that of the belt alone, in the direction of rotation.
+        """
         if self.measures == "torque_hub":
             hub, beta = PERFECT[0].tension(columns["hub_force_N"]), np.radians(arc_deg)
-            return tensions_by_hub_force(torque, hub, beta, R, self.spans)
-        measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
-        return tensions_by_torque(torque, R, **measured)
-
-    def _span_tension(self, columns: Columns, span: Span) -> Array:
-        """Compute the tension of a span from its cell or weight."""
-        if span == self.weight:
-            tension = np.asarray(columns["weight_N"], dtype=float)
-        else:
-            tension = self.cells[SPANS.index(span)].tension(columns[f"tension_{span}_N"])
+            return tensions_by_hub_force(columns["torque_N_m"], hub, beta, R, self.spans)
         belt = np.abs(columns["belt_speed_m_s"]) if self.running else 0.0
-        return pressing_tension(tension, self.mass_per_length_kg_m, belt)
+        measured = SPANS if self.measures != "torque" else (self.torque_with,)
+        tensions = {}
+        for span in measured:
+            cell = self.cells[SPANS.index(span)]
+            weighs = span == self.weight
+            force = columns["weight_N"] if weighs else cell.tension(columns[f"tension_{span}_N"])
+            tensions[f"T_{span}"] = pressing_tension(force, self.mass_per_length_kg_m, belt)
+        if self.measures == "torque":
+            return tensions_by_torque(columns["torque_N_m"], R, **tensions)
+        return tensions["T_tight"], tensions["T_slack"]
 
     def relative_speed(self, columns: Columns, R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
@@ -207,22 +204,15 @@ class RigKind:
 TWO_CELLS = RigKind()  # the rig of the paper
 
 
-def other(span: Span) -> Span:
-    """Return the span on the other side of the pulley."""
-    return "slack" if span == "tight" else "tight"
-
-
 def drag_of(idle: Sequence[Columns]) -> Drag | None:
     """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
     found, at_rest = [], []
     for columns in idle:
-        torque, magnitude, turns = _turning(columns)
-        known = np.isfinite(torque)
-        if not np.any(turns & known):
+        torque, speed, turns = in_direction(columns)
+        if not turns.any():
             continue
-        turning = float(np.median(magnitude[turns & known])), float(np.mean(torque[turns & known]))
-        found.append(turning)
-        still = torque[known & (magnitude <= TURNS * float(np.nanmax(magnitude)))]
+        found.append((float(np.median(speed[turns])), float(np.mean(torque[turns]))))
+        still = torque[np.isfinite(torque) & (speed <= TURNS * float(np.nanmax(speed)))]
         at_rest += [float(np.mean(still))] if still.size else []
     if not found:
         return None
@@ -230,13 +220,12 @@ def drag_of(idle: Sequence[Columns]) -> Drag | None:
     return Drag(speeds, torques, float(np.mean(at_rest or [0.0])))
 
 
-def _turning(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the torque in the direction of rotation, the speed, and where the pulley turns."""
+def in_direction(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return torque and speed in the direction of rotation, and where the pulley surely turns."""
     torque, speed = columns["torque_N_m"], columns["pulley_speed_rad_s"]
-    magnitude = np.abs(speed)
-    turns = magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))
-    is_reversed = turns.any() and np.median(speed[turns]) < 0.0
-    return -torque if is_reversed else torque, magnitude, turns
+    turns = np.abs(speed) > 0.5 * float(np.nanmax(np.abs(speed), initial=0.0))
+    backwards = turns.any() and np.median(speed[turns]) < 0.0
+    return -torque if backwards else torque, np.abs(speed), turns & np.isfinite(torque)
 
 
 def _has_values(columns: Columns, name: str) -> bool:
@@ -245,6 +234,13 @@ def _has_values(columns: Columns, name: str) -> bool:
 
 class RunRejected(Exception):
     """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
+
+
+def reject(*reasons: tuple[bool | np.bool_, str]) -> None:
+    """Raise `RunRejected` with the first of several reasons that holds, if one does."""
+    for holds, reason in reasons:
+        if holds:
+            raise RunRejected(reason)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -322,7 +318,7 @@ class RunRecord:
     tensions: Array  # of the tight and the slack span [N], nan where unusable, (n, 2)
     speed: Array  # of the pulley relative to the belt [rad/s], (n,)
     temperature: Array  # [°C], nan if unknown, (n,)
-    defect: str = ""  # why it cannot be a single run, e.g. a nominal setting changes
+    defect: str = ""  # the channels that it lacks
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
     result: RunReduction = field(default_factory=RunReduction)  # what is known before
     belt_speed_m_s: float = 0.0
@@ -333,13 +329,6 @@ class RunRecord:
     def usable(self) -> NDArray[np.bool_]:
         """Mask of the samples with both tensions."""
         return np.all(np.isfinite(self.tensions), axis=1)
-
-
-def arc_problem(arc_deg: float) -> str:
-    """Return why a contact arc cannot be used; empty if it can."""
-    if math.isfinite(arc_deg) and 0.0 < arc_deg <= 3600.0:
-        return ""
-    return f"arc_deg = {arc_deg:g}, must be in (0, 3600]"
 
 
 def run_records(
@@ -353,63 +342,46 @@ def run_records(
     """
     numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
     kind = kind.found_in(numbers)
-    texts = {k: np.asarray(columns[k], object) for k in ("idle", *TEXTS) if k in columns}
-    _, first, code = np.unique(
-        np.asarray(columns["run"]).astype(str), return_index=True, return_inverse=True
-    )
+    code, labels = pd.factorize(np.asarray(columns["run"]).astype(str))
     rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
     runs, idle = [], []
-    for k in np.argsort(first).tolist():
-        of_run = {name: values[rows[k]] for name, values in numbers.items()}
-        said = {name: x[first[k]] for name, x in texts.items() if x[first[k]] is not None}
-        described = {name: text.lower() for name, text in said.items()}
-        if described.pop("idle", "") == "true":
-            idle.append(of_run)
+    for label, of_run in zip(labels, rows, strict=True):
+        samples = {name: values[of_run] for name, values in numbers.items()}
+        texts = {name: columns[name][of_run[0]] for name in ("idle", *TEXTS) if name in columns}
+        words = {name: text.lower() for name, text in texts.items() if text is not None}
+        if words.pop("idle", "") == "true":
+            idle.append(samples)
         else:
-            runs.append((str(columns["run"][first[k]]), of_run, described))
+            runs.append((RunReduction(run=str(label), **words), samples))
     drag = drag_of(idle)
-    return tuple(_record(*run, R, kind, drag) for run in runs)
+    return tuple(_record(run, samples, R, kind, drag) for run, samples in runs)
 
 
 def _record(
-    label: str,
-    columns: Columns,
-    described: Mapping[str, str],
-    R: float,
-    kind: RigKind,
-    drag: Drag | None,
+    run: RunReduction, columns: Columns, R: float, kind: RigKind, drag: Drag | None
 ) -> RunRecord:
-    """Build the record of one run; a nominal setting that changes within it is a defect."""
-    nominal, defects = dict.fromkeys(NOMINAL, NAN), kind.lacks(columns)
-    for name in NOMINAL:
-        values = columns.get(name, np.full(1, NAN))
-        nominal[name] = first = float(values[0])
-        changed = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
-        if changed.size:
-            defects.append(f"{name} changes within the run from {first:g} to {changed[0]:g}")
-    T_0, belt_speed = nominal["initial_tension_N"], 0.0
-    run = RunReduction(
-        run=label,
-        arc_deg=nominal["arc_deg"],
-        nominal_tension_N=nominal["weight_N"] if kind.weight and np.isnan(T_0) else T_0,
-        torque_with=kind.span_beside_torque,
-        condition=described.get("condition"),
-        side=described.get("side"),
-    )
-    if drag is not None and kind.has_torque:
-        run.drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+    """Build the record of one run, its torque freed of drag and counted as the pulley turns."""
+    run.arc_deg, T_0, W = (float(columns[name][0]) if name in columns else NAN for name in NOMINAL)
+    run.nominal_tension_N = W if kind.weight and np.isnan(T_0) else T_0
+    run.torque_with, belt_speed = kind.span_beside_torque, 0.0
+    defects = kind.lacks(columns)
+    if kind.has_torque:
+        torque, speed, _ = in_direction(columns)
+        if drag is not None:
+            run.drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+            torque = torque - drag.at(speed)
+        columns = {**columns, "torque_N_m": torque}
     if kind.running:
         belt_speed = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
         # the momentum of the belt does not load the axis
         mass = 0.0 if kind.measures == "torque_hub" else kind.mass_per_length_kg_m
         run.momentum_N = mass * belt_speed**2
-    n = columns["time_s"].size
     return RunRecord(
         time_s=columns["time_s"],
-        tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R, drag)),
+        tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R)),
         speed=kind.relative_speed(columns, R),
-        temperature=columns.get("temperature_degC", np.full(n, NAN)),
-        defect="; ".join(defects) or arc_problem(run.arc_deg),
+        temperature=columns.get("temperature_degC", np.full(columns["time_s"].size, NAN)),
+        defect="; ".join(defects),
         kind=kind,
         result=run,
         belt_speed_m_s=belt_speed,

@@ -8,9 +8,9 @@ interpolated to common positions. Positions and forces rise while the belt is co
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
 MOST_NODES = 40  # per curve
 TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 COLUMNS = ("displacement_mm", "force_N", "temperature_degC")
+BRANCHES = ("loading", "unloading")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,39 +55,81 @@ class StiffnessSettings:
     cycles: Literal["last", "first", "all"] = "last"  # of a test to use; the first is virgin rubber
 
 
-@dataclass(frozen=True, slots=True)
-class PressCycle:
-    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PressCurve:
+    """Branches of one cycle at common positions; forces per length of belt."""
 
-    number: int  # from 1
-    loading: slice
-    unloading: slice
-    complete: bool  # whether the belt was unloaded
-
-
-@dataclass(frozen=True, slots=True)
-class PressTest:
-    """Press test without missing samples and spikes; n samples, arrays of shape (n,)."""
-
-    label: str
+    test: str
     temperature_degC: float  # nan if unknown
-    position_m: Array  # crosshead travel, rising in compression, less the deflection of the machine
-    force_N: Array  # compressive, zero of the load cell subtracted
+    cycle: int  # from 1
     travel_sign: float  # -1 if the recorded travel falls in compression, else 1
-    force_noise_N: float  # standard deviation of the white noise
-    zero_u_N_m: float  # standard uncertainty of the zero over the length, with half of its drift
-    n_missing: int
+    zero_u_N_m: float  # standard uncertainty of the zero of the load cell, with half of its drift
+    branches: dict[str, Array]  # positions [m] and forces of "loading", "unloading", (2, n) each
+    fitted: list[Array]  # the same within the range of the fit
+    position_m: Array  # common positions without machine compliance, (m,)
+    middle_N_m: Array  # midway between the branches, (m,)
+    turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
+    touch_m: float  # position where the loading branch begins to carry force
+    top_position_m: float  # largest position in the cycle
+    top_force_N_m: float
+
+    @property
+    def work_J_m(self) -> tuple[float, float]:
+        """Work lost in the loop and work of loading over common positions."""
+        positions = [x for x, _ in self.branches.values()]
+        low, high = max(map(np.min, positions)), min(map(np.max, positions))
+        up, down = (
+            abs(float(np.trapezoid(force, np.clip(x, low, high))))
+            for x, force in self.branches.values()
+        )
+        return up - down, up
+
+
+@dataclass(frozen=True, slots=True)
+class PressRecording:
+    """Curves of the usable tests, one per selected cycle, and what was rejected."""
+
+    curves: tuple[PressCurve, ...]
+    set_aside: tuple[tuple[str, str], ...]  # rejected tests, with the reason
+    n_missing: int  # samples removed from the tests used
     n_spikes: int
-    notes: tuple[str, ...]  # changes to the data, for the user
-    cycles: Sequence[PressCycle]  # those to use, in time order
+    notes: tuple[str, ...]
 
 
-def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
-    """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
+def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
+    """Clean the tests of a recording, select their cycles and build the curves.
 
-    The columns are in time order, (n,), nan where missing. Raises `InputError` for too few samples,
-    no travel, no contact, a test that begins in contact, or a clipped load cell.
+    `press` holds ``test``, ``displacement_mm``, ``force_N`` and, if known, ``temperature_degC``,
+    (n,) each in order of time, nan where missing. A test with too few samples, without travel or
+    contact, that begins in contact, is never unloaded, or with a clipped load cell is set aside.
+    Raises :class:`InputError`, with all problems, if no test can be used.
     """
+    labels = np.asarray(press["test"]).astype(str)
+    unknown = {"temperature_degC": np.full(labels.size, np.nan)}
+    columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
+    tests, set_aside = dict[str, PressRecording](), list[tuple[str, str]]()
+    for label in dict.fromkeys(labels.tolist()):
+        part = {name: values[labels == label] for name, values in columns.items()}
+        try:
+            tests[label] = _read_test(label, part, settings)
+        except InputError as error:
+            set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
+    if not tests:
+        raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
+    notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
+    return PressRecording(
+        curves=tuple(curve for test in tests.values() for curve in test.curves),
+        set_aside=tuple(set_aside),
+        n_missing=sum(test.n_missing for test in tests.values()),
+        n_spikes=sum(test.n_spikes for test in tests.values()),
+        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+    )
+
+
+def _read_test(
+    label: str, part: Mapping[str, Array], settings: StiffnessSettings
+) -> PressRecording:
+    """Clean one test, fix its signs, subtract zero and deflection of the machine; its curves."""
     samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples).all(axis=0)
     samples = samples[:, ~missing]
@@ -96,7 +139,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         samples = samples[:, ~spikes]
     if samples.shape[1] < MIN_SAMPLES:
         raise InputError(f"{samples.shape[1]} usable samples, must be at least {MIN_SAMPLES}")
-    force_sign, travel_sign = _signs(samples[0], samples[1])
+    force_sign, travel_sign = _signs(*samples)
     travel, force = samples * [[travel_sign], [force_sign]]
     noise = difference_sigma(force, 2)
     _require_contact(travel, force, noise)
@@ -105,7 +148,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     after = force[int(np.flatnonzero(travel > np.max(travel[:end]))[-1]) + 1 :]
     drift = float(np.median(after)) - zero if after.size >= FEWEST_FREE // 2 else 0.0
     force = force - zero
-    position = travel - settings.machine_compliance_m_N * force
+    position, length = travel - settings.machine_compliance_m_N * force, settings.segment_length_m
     pressed = force > 0.5 * np.max(force)
     if np.median(position[pressed]) <= np.median(position[~pressed]):
         raise InputError(
@@ -113,33 +156,29 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
             "exceeds the crosshead travel, must be less"
         )
     cycles = find_cycles(travel, force)
-    complete = [cycle for cycle in cycles if cycle.complete]
-    kept = (complete or cycles)[CYCLES[settings.cycles]]
-    numbers = ", ".join(str(cycle.number) for cycle in kept)
-    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}"
+    kept = [*cycles][CYCLES[settings.cycles]]
+    known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
+    of_test = {
+        "test": label,
+        "temperature_degC": float(np.median(known)) if known.size else math.nan,
+        "travel_sign": travel_sign,
+        "zero_u_N_m": math.hypot(zero_se, 0.5 * drift) / length,
+    }
+    samples, noise_m = np.array([position, force / length]), difference_sigma(position, 2)
+    curves = [
+        _curve(k, [samples[:, branch] for branch in cycles[k]], (noise_m, noise / length), of_test)
+        for k in kept
+    ]
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
-        (not complete, "never unloaded"),
-        (len(cycles) > 1, of_cycles),
+        (len(cycles) > 1, f"{len(cycles)} cycles found, used: {', '.join(map(str, kept))}"),
     )
-    temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
-    return PressTest(
-        label=label,
-        temperature_degC=float(np.median(temperatures)) if temperatures.size else float("nan"),
-        position_m=position,
-        force_N=force,
-        travel_sign=travel_sign,
-        force_noise_N=noise,
-        zero_u_N_m=math.hypot(zero_se, 0.5 * drift) / settings.segment_length_m,
-        n_missing=int(missing.sum()),
-        n_spikes=int(spikes.sum()),
-        notes=tuple(text for applies, text in changes if applies),
-        cycles=kept,
-    )
+    notes = tuple(text for applies, text in changes if applies)
+    return PressRecording(tuple(curves), (), int(missing.sum()), int(spikes.sum()), notes)
 
 
 def spread(x: Array) -> float:
@@ -253,171 +292,77 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     return np.array([*start, *turns, end], dtype=np.intp)
 
 
-def find_cycles(travel: Array, force: Array) -> list[PressCycle]:
-    """Split a test at the reversals, but loadings to less than half of the largest force."""
+def find_cycles(travel: Array, force: Array) -> dict[int, tuple[slice, slice]]:
+    """Split a test at the reversals into loading and unloading of each cycle, numbered from 1.
+
+    Loadings to less than half of the largest force are none, and cycles that are not unloaded by
+    half are left out. Raises `InputError` if none is left.
+    """
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
-    turns = turning_points(travel, least)
-    cycles: list[PressCycle] = []
-    largest = float(np.max(force))
-    for k in range(turns.size - 1):
-        start, peak = int(turns[k]), int(turns[k + 1])
-        if travel[peak] <= travel[start]:
-            continue
-        stop = int(turns[k + 2]) if k + 2 < turns.size else peak
+    turns = turning_points(travel, least).tolist()
+    cycles, number = dict[int, tuple[slice, slice]](), 0
+    for start, peak, stop in zip(turns, turns[1:], [*turns[2:], turns[-1]], strict=False):
         top = float(np.max(force[start : stop + 1]))
-        if top < 0.5 * largest:
-            continue
-        loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
-        complete = stop > peak and float(np.min(force[unloading])) < 0.5 * top
-        cycles.append(PressCycle(len(cycles) + 1, loading, unloading, complete))
-    if not cycles:
+        if travel[peak] > travel[start] and top >= 0.5 * float(np.max(force)):
+            number += 1
+            if stop > peak and float(np.min(force[peak : stop + 1])) < 0.5 * top:
+                cycles[number] = slice(start, peak + 1), slice(peak, stop + 1)
+    if not number:
         raise InputError("no loading found: the crosshead never moves into the belt")
+    if not cycles:
+        raise InputError(
+            "never unloaded to half of its largest force, must be: the law is midway between "
+            "loading and unloading"
+        )
     return cycles
 
 
-@dataclass(frozen=True, slots=True)
-class BranchSamples:
-    """Samples of one branch, "loading" or "unloading": positions [m], line forces [N/m], (n,)."""
-
-    name: str
-    position_m: Array
-    force_N_m: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PressCurve:
-    """Branches of one cycle at common positions; forces per length of belt."""
-
-    recorded: PressTest
-    cycle: int
-    position_m: Array  # common positions without machine compliance, (m,)
-    middle_N_m: Array  # midway between the branches, (m,)
-    turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
-    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded
-    fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
-    touch_m: float  # position where the loading branch begins to carry force
-    top_position_m: float  # largest position in the cycle
-    top_force_N_m: float
-
-    @property
-    def unloads(self) -> bool:
-        """True if both branches were recorded."""
-        return len(self.branches) == 2
-
-    @property
-    def work_J_m(self) -> tuple[float, float]:
-        """Work lost in the loop and work of loading over common positions, if unloaded."""
-        low = max(float(np.min(b.position_m)) for b in self.branches)
-        high = min(float(np.max(b.position_m)) for b in self.branches)
-        up, down = (
-            abs(float(np.trapezoid(b.force_N_m, np.clip(b.position_m, low, high))))
-            for b in self.branches
-        )
-        return up - down, up
-
-
-@dataclass(frozen=True, slots=True)
-class PressRecording:
-    """Curves of the usable tests, one per selected cycle, and what was rejected."""
-
-    curves: tuple[PressCurve, ...]
-    set_aside: tuple[tuple[str, str], ...]  # rejected tests, with the reason
-    n_missing: int  # samples removed from the tests used
-    n_spikes: int
-    notes: tuple[str, ...]
-
-
-def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
-    """Clean the tests of a recording, select their cycles and build the curves.
-
-    `press` holds ``test``, ``displacement_mm``, ``force_N`` and, if known, ``temperature_degC``,
-    (n,) each, nan where missing. Raises :class:`InputError`, with all problems, if no test can be
-    used.
-    """
-    labels = np.asarray(press["test"]).astype(str)
-    unknown = {"temperature_degC": np.full(labels.size, np.nan)}
-    columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
-    curves, set_aside = list[PressCurve](), list[tuple[str, str]]()
-    for label in dict.fromkeys(labels.tolist()):
-        part = {name: values[labels == label] for name, values in columns.items()}
-        try:
-            test = prepare_test(label, part, settings)
-            curves += [press_curve(test, c, settings.segment_length_m) for c in test.cycles]
-        except InputError as error:
-            set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
-    tests = {c.recorded.label: c.recorded for c in curves}
-    notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
-    if unloading := [c for c in curves if c.unloads]:
-        for label in dict.fromkeys(c.recorded.label for c in curves if not c.unloads):
-            set_aside.append((label, f"test {label}: never unloaded, while other tests are"))
-        curves = unloading
-    if not curves:
-        raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
-    used = {c.recorded.label: c.recorded for c in curves}
-    return PressRecording(
-        curves=tuple(curves),
-        set_aside=tuple(set_aside),
-        n_missing=sum(test.n_missing for test in used.values()),
-        n_spikes=sum(test.n_spikes for test in used.values()),
-        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
-    )
-
-
-def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
+def _curve(
+    number: int, branches: list[Array], noise: tuple[float, float], of_test: dict[str, Any]
+) -> PressCurve:
     """Build the curve of one cycle; `InputError` if a branch has too few samples in contact."""
-    slices = (cycle.loading, cycle.unloading)[: 2 if cycle.complete else 1]
-    force = test.force_N / segment_length_m
-    branches = [
-        BranchSamples(name, test.position_m[part], force[part])
-        for name, part in zip(("loading", "unloading"), slices, strict=False)
-    ]
-    peak_N = float(np.max(test.force_N[cycle.loading.start : cycle.unloading.stop]))
-    threshold = max(CONTACT_SHARE * peak_N, 6.0 * test.force_noise_N) / segment_length_m
+    (_, f_up), (_, f_down), (noise_m, noise_N_m) = *branches, noise
+    threshold = max(CONTACT_SHARE * max(np.max(f_up), np.max(f_down)), 6.0 * noise_N_m)
+    # from the peak towards the open plate
+    begins = [_contact_begin(outward, threshold) for outward in (branches[0][:, ::-1], branches[1])]
     # stay five standard deviations off the ends, where noise decides which samples belong
-    noise_m = difference_sigma(test.position_m, 2)
-    low = max(_contact_begin(b, threshold) for b in branches) + 5.0 * noise_m
-    high = min(_steady_max(b.position_m) for b in branches) - 5.0 * noise_m
-    inside = [(b.position_m >= low) & (b.position_m <= high) for b in branches]
-    fitted = [
-        BranchSamples(b.name, b.position_m[of], b.force_N_m[of])
-        for b, of in zip(branches, inside, strict=True)
-    ]
-    fewest = min(b.position_m.size for b in fitted)
-    if fewest < MIN_BRANCH_SAMPLES:
-        counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)
+    low = max(begins) + 5.0 * noise_m
+    high = min(_steady_max(x) for x, _ in branches) - 5.0 * noise_m
+    fitted = [branch[:, (branch[0] >= low) & (branch[0] <= high)] for branch in branches]
+    sizes = [branch.shape[1] for branch in fitted]
+    if min(sizes) < MIN_BRANCH_SAMPLES:
         raise InputError(
-            f"cycle {cycle.number}: {counts} samples in contact and beyond the noise of the travel "
-            f"({noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
-            "branch"
+            f"cycle {number}: {sizes[0]} loading, {sizes[1]} unloading samples in contact and "
+            f"beyond the noise of the travel ({noise_m * 1e6:.2g} µm), must be at least "
+            f"{MIN_BRANCH_SAMPLES} per branch"
         )
-    edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, MOST_NODES)) + 1)
-    levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
+    edges = np.linspace(low, high, int(np.clip(min(sizes) // 4, 6, MOST_NODES)) + 1)
+    up, down = (_branch_at_nodes(branch, edges) for branch in fitted)
     return PressCurve(
-        recorded=test,
-        cycle=cycle.number,
+        **of_test,
+        cycle=number,
+        branches=dict(zip(BRANCHES, branches, strict=True)),
+        fitted=fitted,
         position_m=0.5 * (edges[1:] + edges[:-1]),
-        middle_N_m=np.mean(levels, axis=0),
-        turn_N_m=_turns(levels, bool(np.min(branches[0].force_N_m) >= threshold)),
-        branches=tuple(branches),
-        fitted=tuple(fitted),
-        touch_m=_contact_begin(branches[0], threshold),
-        top_position_m=max(_steady_max(b.position_m) for b in branches),
-        top_force_N_m=max(_steady_max(b.force_N_m) for b in branches),
+        middle_N_m=0.5 * (up + down),
+        turn_N_m=_turns(0.5 * (up - down), bool(np.min(f_up) >= threshold)),
+        touch_m=begins[0],
+        top_position_m=max(_steady_max(x) for x, _ in branches),
+        top_force_N_m=max(_steady_max(f) for _, f in branches),
     )
 
 
-def _contact_begin(branch: BranchSamples, threshold: float) -> float:
-    """Return the position above which the branch carries more than the threshold [m]."""
-    # walk from the peak towards the open plate
-    outward = slice(None, None, -1) if branch.name == "loading" else slice(None)
-    force, position = branch.force_N_m[outward], branch.position_m[outward]
+def _contact_begin(outward: Array, threshold: float) -> float:
+    """Return the position above which a branch (2, n) carries more than the threshold [m]."""
+    position, force = outward
     start = int(np.argmax(force))
     below = np.flatnonzero(force[start:] < threshold)
     return float(position[start + int(below[0])]) if below.size else -_steady_max(-position)
 
 
-def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
+def _branch_at_nodes(branch: Array, edges: Array) -> Array:
     """Interpolate the force f of a branch to the centres of the bins [N/m], shape (m,)."""
+    x, f = branch
     smooth = np.polynomial.Chebyshev.fit(x, f, 5 if x.size >= 24 else 3)
     nodes = 0.5 * (edges[1:] + edges[:-1])
     filled, bins, count = np.unique(
@@ -427,11 +372,9 @@ def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
     return smooth(nodes) + np.interp(nodes, nodes[filled], rest)
 
 
-def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
-    """Return what a reversal of the crosshead adds to the middle [N/m], shape (m,)."""
-    if len(levels) == 1:
-        return np.zeros(levels[0].size)
-    s, half = np.linspace(0.0, 1.0, levels[0].size), 0.5 * (levels[0] - levels[1])
+def _turns(half: Array, in_contact: bool) -> Array:
+    """Return what a reversal adds to the middle, by half the width of the loop [N/m], (m,)."""
+    s = np.linspace(0.0, 1.0, half.size)
     low = (s < TURN_SHARE) & in_contact
     turns = (s > 1.0 - TURN_SHARE) | low
     for _ in range(2):

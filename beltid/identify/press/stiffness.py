@@ -10,8 +10,7 @@ with free contact points p_j; the loop of the belt is odd and leaves the middle.
 sizes that the data tell: v_j of the belt segment; the slope theta over the temperature; the misfit
 b of the law, a smooth process that all tests share, in proportion to sqrt(F F_top); e, white and
 correlated along the curve. Of known size are the zero c_j of the load cell, and a share of what
-reversals of the crosshead may add, where the branches separate gradually. If the belt was never
-unloaded, half the loop is an unknown share of the force.
+reversals of the crosshead may add, where the branches separate gradually.
 
 Hysteresis is no error of the law; see ``hysteresis_ratio`` and ``rms_residual_N_m``. What no press
 recording shows (virgin rubber, another rate of loading) is for the user to state.
@@ -50,7 +49,6 @@ PRIORS = {
 }
 """Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
-LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
 CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
 SMOOTH: Final = 0.15  # length of the misfit
@@ -62,8 +60,6 @@ LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative mi
 SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
 RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
 CLEAR = 2.6  # standard errors beyond which a slope is significant
-DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
-LINE_FORCE_N_M = (1.0e2, 1.0e6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +74,7 @@ class LawEstimate:
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
     rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
-    hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
+    hysteresis_ratio: float  # work lost in the loop over that of loading
     max_penetration_m: float  # largest penetration and force: range of validity
     max_force_N_m: float
     n_samples: int  # within the range of the fit
@@ -116,13 +112,11 @@ class _Scaled:
         self.x = _padded([(c.position_m - c.touch_m) / self.span for c in curves])
         self.f = _padded([c.middle_N_m / top for c in curves])
         self.turn = _padded([c.turn_N_m / top for c in curves])  # what a reversal may add
-        zero = [c.recorded.zero_u_N_m / top for c in curves]
-        self.zero = np.array(zero)[:, None]  # uncertainties (R, 1)
-        warmer = [[c.recorded.temperature_degC - reference_degC] for c in curves]
+        self.zero = np.array([[c.zero_u_N_m / top] for c in curves])  # uncertainties (R, 1)
+        warmer = [[c.temperature_degC - reference_degC] for c in curves]
         self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
         self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
-        self.unloads = curves[0].unloads
 
     def start(self) -> tuple[Array, Array]:
         """Return k and contact points from a parabola through every curve (closed form)."""
@@ -131,20 +125,19 @@ class _Scaled:
             for x, f, u in zip(self.x, self.f, self.used, strict=True)
         ]
         a, b, c = np.median(parabolas, axis=0)
+        k = np.array([math.sqrt(max(b * b - 4.0 * a * c, 0.0)), c])
         if c <= 0.0:
             k = np.array([max(float(np.polyfit(self.x.ravel(), self.f.ravel(), 1)[0]), 1e-6), 0.0])
-        else:
-            k = np.array([math.sqrt(max(b * b - 4.0 * a * c, 0.0)), c])
         root = np.sqrt(k[0] ** 2 + 4.0 * k[1] * np.maximum(self.f, 0.0))
         y = 2.0 * np.maximum(self.f, 0.0) / np.maximum(k[0] + root, 1e-9)
         return k, np.sum((self.x - y) * self.used, axis=1) / self.used.sum(axis=1)
 
-    def design(self, k: Array, p: Array, free: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-        """Return penetrations, forces (R, m) and derivatives by free coefficients and contacts."""
+    def design(self, k: Array, p: Array, held: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Return penetrations, forces (R, m) and derivatives; none by what is held."""
         y = np.maximum(self.x - p[:, None], 0.0)
         terms = np.stack([y, y**2], axis=-1)
         slope = -(k[0] + 2.0 * k[1] * y)[..., None] * np.eye(len(p))[:, None, :]
-        columns = np.concatenate([terms[..., free], slope], axis=-1) * self.used[..., None]
+        columns = np.concatenate([terms * ~held, slope], axis=-1) * self.used[..., None]
         return y, terms @ k, columns
 
     def misfit(self, y: Array, columns: Array) -> Array:
@@ -155,21 +148,20 @@ class _Scaled:
         return (flat - T @ np.linalg.lstsq(T, flat, rcond=1e-12)[0]).reshape(smooth.shape)
 
     def model(
-        self, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes, y0: Array, misfit: Array
+        self, q: Array, held: NDArray[np.bool_], known: Sizes, y0: Array, misfit: Array
     ) -> Mixed:
-        """Linearise the model about k and p; the random effects are those at penetrations y0."""
+        """Linearise the model about q = (k, p); the random effects are those at penetrations y0."""
         size = {"noise": Size(self.noise, 0.7, 0.3), **PRIORS}
         size |= {name: Size(value) for name, value in known.items()}
         used, s = self.used, y0 / np.max(y0 * self.used)
-        _, F, columns = self.design(k, p, free)
-        shared = [Shared("law", columns), Shared("misfit", misfit, size["misfit"])]
+        _, F, columns = self.design(q[:2], q[2:], held)
+        fixed = np.diag(np.pad(1.0 * held, (0, q.size - 2)))  # what has no column, at zero
+        shared = [Shared("law", columns, precision=fixed)]
+        shared.append(Shared("misfit", misfit, size["misfit"]))
         if np.any(self.warmer):
             slope = F * self.warmer * used
             shared.append(Shared("temperature", slope, size["temperature"]))
-        if not self.unloads:
-            loop = np.stack([F, np.max(F) * s * (1.0 - s)], axis=-1) * used[..., None]
-            shared.append(Shared("loop", loop, LOOP))
-        elif np.any(self.turn):
+        if np.any(self.turn):
             turn = np.stack([self.turn, self.turn * (1.0 - s) / REACH], axis=-1)
             shared.append(Shared("reversal", turn, REVERSAL))
         near = np.exp(-np.abs(s[:, :, None] - s[:, None, :]) / CORRELATION)
@@ -211,26 +203,21 @@ def fit_law(
     """
     data = _Scaled(curves, reference_degC)
     start, contact = data.start()
-    free = start > 0.0
-    if not free.all():  # refused before the noise of such a fit is looked for
-        F = data.design(start, contact, free)[1]
-        _held_note(int(np.argmin(free)), float(np.max(np.abs((data.f - F) * data.used))))
-    k, p, posterior = _mode(data, start, contact, free, known or {})
-    if np.any(k[free] < 0.0):
-        free = free & (k >= 0.0)
-        if not free.any():
+    held = start <= 0.0
+    if held.any():  # refused before the noise of such a fit is looked for
+        _held_note(data, start, contact, held)
+    k, p, posterior = _mode(data, start, contact, held, known or {})
+    if np.any(k < 0.0):
+        held = held | (k < 0.0)
+        if held.all():
             raise FitError("the force falls with penetration, must rise")
-        k, p, posterior = _mode(data, np.where(free, start, 0.0), contact, free, known or {})
+        k, p, posterior = _mode(data, np.where(held, 0.0, start), contact, held, known or {})
     unit = data.top / data.span ** np.array([1.0, 2.0])
-    F = data.design(k, p, free)[1]
-    misfit = _misfit(data, posterior, F)
-    covariance, note = np.zeros((2, 2)), ""
-    at = np.flatnonzero(free)
-    covariance[np.ix_(at, at)] = posterior.covariance[: at.size, : at.size]
-    if not free.all():
-        held = int(np.flatnonzero(~free)[0])
-        covariance[held, held] = _se_of_held(data, k, p, free, posterior) ** 2
-        note = _held_note(held, float(np.max(np.abs((data.f - F) * data.used))))
+    misfit, note = _misfit(data, posterior, data.design(k, p, held)[1]), ""
+    covariance = posterior.covariance[:2, :2] * np.outer(~held, ~held)
+    if held.any():
+        covariance[held, held] = _se_of_held(data, k, p, held, posterior) ** 2
+        note = _held_note(data, k, p, held)
     slope, slope_se = 0.0, 0.0
     if "temperature" in posterior.sizes:
         mean, variance = posterior.of("temperature")
@@ -240,15 +227,14 @@ def fit_law(
     law = NormalLaw(*(k * unit).tolist())
     contact = p * data.span + [c.touch_m for c in curves]
     squares = [
-        np.mean((b.force_N_m - law.force(b.position_m - at)) ** 2)
+        np.mean((force - law.force(position - at)) ** 2)
         for c, at in zip(curves, contact, strict=True)
-        for b in c.fitted
+        for position, force in c.fitted
     ]
     covariance = (covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit)
-    work = np.sum([c.work_J_m for c in curves if c.unloads], axis=0)
-    loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
+    work = np.sum([c.work_J_m for c in curves], axis=0)
     depth = float(np.max([c.top_position_m for c in curves] - contact))
-    notes, warnings = _findings(curves, misfit, note, posterior.sizes["segment"], depth)
+    notes, warnings = _findings(misfit, note, posterior.sizes["segment"])
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
@@ -256,15 +242,15 @@ def fit_law(
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
         temperature_slope=(slope, slope_se),
         sizes=posterior.sizes,
-        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
+        contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=loss,
+        hysteresis_ratio=max(float(work[0] / work[1]), 0.0),
         max_penetration_m=depth,
         max_force_N_m=max(c.top_force_N_m for c in curves),
-        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
+        n_samples=sum(branch.shape[1] for c in curves for branch in c.fitted),
         n_effective=float(data.used.sum()) * share,
         n_cycles=len(curves),
-        contact_m=dict(zip((c.recorded.label for c in curves), contact.tolist(), strict=True)),
+        contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
         misfit=misfit,
         notes=notes,
         warnings=warnings,
@@ -272,16 +258,13 @@ def fit_law(
 
 
 def _mode(
-    data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], known: Sizes
+    data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_], known: Sizes
 ) -> tuple[Array, Array, Posterior]:
-    """Return coefficients, contact points and the posterior; coefficients not free are zero."""
-    n, place = int(free.sum()), np.eye(2)[:, free]
-    y, _, columns = data.design(k, p, free)
-    misfit, start = data.misfit(y, columns), np.append(k[free], p)
-    q, posterior = relinearised(
-        lambda q: data.model(place @ q[:n], q[n:], free, known, y, misfit), start
-    )
-    return place @ q[:n], q[n:], posterior
+    """Return coefficients (zero if held), contact points and the posterior."""
+    y, _, columns = data.design(k, p, held)
+    misfit = data.misfit(y, columns)
+    q, posterior = relinearised(lambda q: data.model(q, held, known, y, misfit), np.append(k, p))
+    return q[:2], q[2:], posterior
 
 
 def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
@@ -293,20 +276,22 @@ def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
 
 
 def _se_of_held(
-    data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], posterior: Posterior
+    data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_], posterior: Posterior
 ) -> float:
     """Return the standard error of a coefficient that is held at zero, were it free."""
     model, y = posterior.model, np.maximum(data.x - p[:, None], 0.0)
-    column = y**2 if free[0] else np.ones(y.shape)
+    column = y**2 if held[1] else np.ones(y.shape)
     shared = [*model.shared, Shared("held", column * data.used)]
     wider = Mixed(model.y, shared, model.own).at(posterior.sizes)
     se = math.sqrt(wider.of("held")[1][0, 0])
-    return se if free[0] else math.sqrt(4.0 * float(k[1]) * se)
+    return se if held[1] else math.sqrt(4.0 * float(k[1]) * se)
 
 
-def _held_note(held: int, largest: float) -> str:
+def _held_note(data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_]) -> str:
     """Say which coefficient would be negative; refuse a law that misses by far."""
-    name, form = (("k_linear", "purely quadratic"), ("k_quadratic", "linear"))[held]
+    F = data.design(k, p, held)[1]
+    largest = float(np.max(np.abs((data.f - F) * data.used)))
+    name, form = ("k_linear", "purely quadratic") if held[0] else ("k_quadratic", "linear")
     text = (
         f"{name} would be negative and is held at zero: a {form} law, off by up to "
         f"{100 * largest:.2g} % of the largest force"
@@ -363,7 +348,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
     """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
-    at = np.array([c.recorded.temperature_degC for c in curves])
+    at = np.array([c.temperature_degC for c in curves])
     groups: list[list[int]] = []
     for k in np.argsort(at, kind="stable")[: np.count_nonzero(np.isfinite(at))].tolist():
         if not groups or at[k] - at[groups[-1][0]] >= SAME_TEMPERATURE_K:
@@ -388,35 +373,13 @@ def _temperature_effect(
     )
 
 
-def _findings(
-    curves: Sequence[PressCurve], misfit: float, held: str, segment: float, depth: float
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return notes and warnings: wrong units, a coefficient at zero, no unloading, scatter."""
-    warnings = [
-        f"the belt {verb} by {top:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
-        f"{name} in another unit, or press.segment_length_cm wrong?"
-        for name, verb, top, (low, high), unit in (
-            ("displacement_mm", "penetrates", depth, DEPTH_M, "m"),
-            ("force_N", "is pressed", max(c.top_force_N_m for c in curves), LINE_FORCE_N_M, "N/m"),
-        )
-        if not low <= top <= high
-    ]
+def _findings(misfit: float, held: str, segment: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and warnings: a poor law, a coefficient at zero, scatter of the tests."""
+    notes, warnings, included = list[str](), list[str](), "included in the standard errors"
     if misfit >= RELEVANT:
-        warnings.append(
-            f"the law misses by up to {100 * misfit:.2g} % of the force; included in the "
-            "standard errors"
-        )
-    if not curves[0].unloads:
-        warnings.append(
-            "never unloaded: the law is that of the loading branch, which lies above the middle of "
-            "the branches; half of a loop of 20 % is included in the standard errors"
-        )
-    notes: list[str] = []
+        warnings.append(f"the law misses by up to {100 * misfit:.2g} % of the force; {included}")
     if held:
         (warnings if misfit >= RELEVANT else notes).append(held)
     if segment >= RELEVANT:
-        notes.append(
-            f"the tests differ by {100 * segment:.2g} % of the force; included in the standard "
-            "errors"
-        )
+        notes.append(f"the tests differ by {100 * segment:.2g} % of the force; {included}")
     return tuple(notes), tuple(warnings)
