@@ -54,7 +54,7 @@ def _largest(
 ) -> tuple[float, LoopState]:
     """Find the largest factor with room on every pulley, from a state below it, and that state."""
     for begun in range(MOST_ROUNDS):
-        for share in BELOW if begun else ():
+        for share in BELOW[with_slip:] if begun else ():
             with suppress(ConvergenceError):
                 below = simulator.solve(point.scaled(share * factor))
                 if below.state.rods:
