@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
+from beltid.drive.loop import Loop, LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import DriveResult, adhesion_arc
 from beltid.drive.string import Level, seat, sliding_arc
@@ -58,11 +58,6 @@ def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
     ]
 
 
-def _mesh_tension(T_0: float) -> float:
-    """Return the tension of the mesh; similar tensions share it."""
-    return math.exp(round(math.log(T_0) / TENSION_STEP) * TENSION_STEP)
-
-
 class Simulator:
     """Solve operating points of a drive; pulleys on the rigid back of the belt stay strings.
 
@@ -80,7 +75,7 @@ class Simulator:
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
         self._rest: dict[str, RestState] = {}
         self._idle: dict[tuple[float, str], LoopState] = {}
-        self._found: dict[float, deque[LoopState]] = {}
+        self._found: dict[int, deque[LoopState]] = {}
         self._known: dict[tuple[int, float, float], FlowPulley] = {}
 
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
@@ -124,37 +119,33 @@ class Simulator:
 
     def _with_rods(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
         """Find the steady state with rods, from that of a similar drive if it is known."""
-        found = self._found.setdefault(_mesh_tension(rest.T_0), deque(maxlen=REMEMBERED))
-        near = near if near is not None and near.rods else None
-        state = string = solve_loop(point, rest, near or (found[-1] if found else None))
+        mesh, loop = round(math.log(rest.T_0) / TENSION_STEP), Loop(point, rest, None)
+        found = self._found.setdefault(mesh, deque(maxlen=REMEMBERED))
 
         def distance(other: LoopState) -> float:
-            """Difference of flow and forces; those of strings do to compare."""
-            forces = float(np.abs(other.P - string.P).max()) / rest.T_0
-            return abs(math.log(other.v0 / string.v0)) + forces
+            """From where the search would start without a similar state, scaled."""
+            return float(np.abs(loop.start(other) - loop.start(None)).max())
 
-        like = min(found, key=distance, default=near)
+        near = near if near is not None and near.rods else None
+        like, state = min(found, key=distance, default=near), None
         if like is not None:
-            of_rods = {
-                key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")
-            }
+            rods = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
             with suppress(ConvergenceError):
-                state = solve_loop(point, replace(rest, level=replace(rest.level, **of_rods)), like)
-            if np.isnan(state.arcs.slip).any():
-                state = string
+                state = solve_loop(point, replace(rest, level=replace(rest.level, **rods)), like)
             near = min(like, near or like, key=distance)
+        if state is None or np.isnan(state.arcs.slip).any():
+            state = solve_loop(point, rest)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 slip = np.full(state.P.size, math.nan)
                 return replace(state, arcs=state.arcs._replace(slip=slip))
-            last, rods = state, self._rods(state, rest, near)
-            near = replace(state, rods=rods)
-            state = solve_loop(point, self._corrected(state, rest, rods), state)
+            last, near = state, replace(state, rods=self._rods(state, rest, near))
+            state = solve_loop(point, self._corrected(state, rest, near.rods), state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE * (SLIPPING if state.arcs.slip.any() else 1.0):
-                found.append(self._told(state, rods))
+                found.append(self._told(state, near.rods))
                 return found[-1]
         raise ConvergenceError(
             f"drive at {point.omega:g} rad/s: the forces of loop and rods did not converge in "
@@ -233,7 +224,7 @@ class Simulator:
                 continue
             rod, v0 = self._pulley(i, rest), state.v0
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
-            start = near.rods[i] if near is not None and near.rods else None
+            start = None if near is None else near.rods[i]
             if start is not None and start.s.q.size != 4 * rod.model.nodes.size:
                 start = None
             try:
@@ -250,7 +241,7 @@ class Simulator:
     def _pulley(self, i: int, rest: RestState) -> FlowPulley:
         """Return the rod of a pulley."""
         drive, spans, wrap = self.drive, rest.laid.spans, float(rest.laid.wraps[i])
-        tension = _mesh_tension(rest.T_0)
+        tension = math.exp(round(math.log(rest.T_0) / TENSION_STEP) * TENSION_STEP)
         if (i, wrap, tension) not in self._known:
             shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, tension)
             span = max(0.5 * float(min(spans[i], spans[i - 1])), shortest)

@@ -206,8 +206,9 @@ class Level:
             arc(P, Q, v0, wrap, most, s)
             for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
-        torque, W, rate, *others = np.array(rows).T
-        return Arcs(torque + self.torque, W * self.speed, rate * self.speed, *others, room)
+        torque, W, rate, length, needed, slip = np.array(rows).T
+        torque, W, rate = torque + self.torque, W * self.speed, rate * self.speed
+        return Arcs(torque, W, rate, length, needed, slip, room)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
         """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15)."""
