@@ -15,12 +15,11 @@ from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import DriveResult
 from beltid.drive.simulator import Method, Simulator
-from beltid.errors import ConvergenceError
+from beltid.errors import ConvergenceError, InputError
 
 TOLERANCE = 2e-5  # relative, of a limit of a string
-ROD_TOLERANCE = 3e-3  # relative change at which a limit of rods is left
-# shares of a limit of rods at which they are solved next; nearer, most have no steady state
-BELOW, MOST_ROUNDS = (0.97, 0.9), 2
+# shares of a limit at which its rods are solved; with whole pulleys sliding the first has none
+BELOW = (0.97, 0.9)
 STEP = 1.5  # ratio of two factors at which a limit is bracketed
 SMALLEST_FACTOR, LARGEST_FACTOR = 2.0**-20, 2.0**20
 MOST_RESERVE = 10.0
@@ -53,17 +52,13 @@ def _largest(
     simulator: Simulator, point: DrivePoint, with_slip: bool, state: LoopState, factor: float
 ) -> tuple[float, LoopState]:
     """Find the largest factor with room on every pulley, from a state below it, and that state."""
-    for begun in range(MOST_ROUNDS):
-        for share in BELOW if begun else ():
+    factor = _of_level(simulator, point, with_slip, state, factor or 1.0)
+    if simulator.method == "rod" and 0.0 < factor < math.inf:
+        for share in BELOW[with_slip:]:
             with suppress(ConvergenceError):
-                below = simulator.solve(point.scaled(share * factor))
-                if below.state.rods:
-                    state = below.state
-                    break
-        last, factor = factor, _of_level(simulator, point, with_slip, state, factor or 1.0)
-        is_exact = simulator.method == "string" or not 0.0 < factor < math.inf
-        if is_exact or abs(factor - last) <= ROD_TOLERANCE * factor:
-            break
+                below = simulator.solve(point.scaled(share * factor)).state
+                if below.rods:
+                    return _of_level(simulator, point, with_slip, below, factor), below
     return factor, state
 
 
@@ -111,8 +106,14 @@ def installed_belts(
 ) -> dict[str, DriveResult]:
     """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
 
-    An InputError says that a belt is too long or too short for the pulleys.
+    An InputError says that a belt is too long or too short for the pulleys, or that a given slack
+    force leaves its length open.
     """
+    if drive.installation == "slack_force":
+        raise InputError(
+            "drive.belt_length_tolerance_m: must be left out with installation: slack_force, which "
+            "any belt has; with fixed_centres or tensioner its length sets the force"
+        )
     mean = Simulator(drive, method).solve(point).rest.belt_length
     lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}
     point = replace(point, T_0=np.nan)

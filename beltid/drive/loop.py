@@ -174,42 +174,34 @@ class Loop:
         self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
         self.turns = drive.tensioner is not None and held is None  # whether the arm does
 
-    def state(self, u: Array) -> LoopState:
-        """Unpack the unknowns and compute the belt on its pulleys."""
-        n = self.R.size
+    def residual(self, u: Array) -> tuple[Array, LoopState | None]:
+        """Return the residuals of (D7) to (D9), scaled to order one, and the state, if any."""
+        drive, rest, driver, n = self.drive, self.rest, self.drive.driver, self.R.size
         angle = float(u[n + 1]) if self.turns else self.held
-        laid = self.rest.laid if angle == self.rest.arm_angle else layout(self.drive, angle)
-        P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
-        pull, v = np.maximum(P, SLACK * self.rest.T_0), max(v0, SLOWEST * self.flow)
-        arcs = self.level.arcs(preceding(pull), pull, v, laid.wraps)
-        return LoopState(P, v0, angle, laid, arcs, self.level)
-
-    def residual(self, u: Array) -> Array:
-        """Return the residuals of (D7) to (D9), scaled to order one."""
         try:
             if not np.abs(u).max() < LARGEST:
-                return np.full(u.size, 1e3)
-            state = self.state(u)
+                return np.full(u.size, 1e3), None
+            laid = rest.laid if angle == rest.arm_angle else layout(drive, angle)
         except InputError:  # no belt path fits at this angle of the arm
-            return np.full(u.size, 1e3)
-        drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, len(u)
-        pull, v = np.maximum(state.P, SLACK * rest.T_0), max(state.v0, SLOWEST * self.flow)
-        lacks = state.P - pull
+            return np.full(u.size, 1e3), None
+        P, v0 = u[:n] * rest.T_0, float(u[n]) * self.flow
+        pull, v = np.maximum(P, SLACK * rest.T_0), max(v0, SLOWEST * self.flow)
+        arcs = self.level.arcs(preceding(pull), pull, v, laid.wraps)
+        lacks, speeds, r = P - pull, arcs.W * v + arcs.rate * (v0 - v), np.empty(u.size)
         torque = arcs.torque + (preceding(lacks) - lacks) * self.R
-        speeds = arcs.W * v + arcs.rate * (state.v0 - v)
-        r, n = np.empty(n), self.R.size
         r[:n] = (torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
         r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
-            r[n] = state.P[driver] / rest.T_0 - 1.0
+            r[n] = P[driver] / rest.T_0 - 1.0
         else:
-            length = (state.laid.spans / drive.stretch(state.P, v)).sum() + arcs.length.sum()
-            length += self.level.extra_length(state.laid, pull)
+            length = (laid.spans / drive.stretch(P, v)).sum() + arcs.length.sum()
+            length += self.level.extra_length(laid, pull)
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and self.turns:
-            moment = arm_moment(drive, state.laid, float(u[n + 1]), state.P)
-            r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
-        return r
+            r[n + 1] = arm_moment(drive, laid, float(u[n + 1]), P)
+            r[n + 1] /= rest.T_0 * drive.tensioner.arm
+        slack = bool(P.min() < SLACK * max(rest.T_0, P.max()))
+        return r, LoopState(P, v0, angle, laid, arcs, self.level, slack)
 
     def start(self, near: LoopState | None) -> Array:
         """Return the unknowns of a similar state, or steps of M/R about the mean force T_0."""
@@ -244,33 +236,27 @@ def solve_loop(point: DrivePoint, rest: RestState, near: LoopState | None = None
 
 
 def _solved(loop: Loop, near: LoopState | None) -> LoopState:
-    """Solve the equations of a loop: by Broyden's method, then anew, then anew in small steps."""
+    """Solve the equations of a loop by Broyden's method, then anew, then anew in small steps."""
     u, J = loop.start(near), None if near is None else near.jacobian
     if J is not None and J.shape == (u.size, u.size):
-        r, before = loop.residual(u), math.inf
+        (r, state), before = loop.residual(u), math.inf
         while np.abs(r).max() < before:
             before = np.abs(r).max()
-            if before <= GOAL:
-                return _found(loop, u, J)
+            if state is not None and before <= GOAL:
+                return replace(state, jacobian=J)
             step = np.linalg.solve(J, -r)
             u = u + step
-            r = loop.residual(u)
+            r, state = loop.residual(u)
             J = J + np.outer(r, step) / (step @ step)
     for start, factor in ((near, 100.0), (None, DAMPED)):
-        found = root(loop.residual, loop.start(start), tol=GOAL, options={"factor": factor})
-        residual = float(np.abs(found.fun).max())
-        if residual <= TOLERANCE:
+        u, options = loop.start(start), {"factor": factor}
+        found = root(lambda u: loop.residual(u)[0], u, tol=GOAL, options=options)
+        r, state = loop.residual(found.x)
+        if state is not None and np.abs(r).max() <= TOLERANCE:
             R = np.zeros((u.size, u.size))
             R[np.triu_indices(u.size)] = found.r
-            return _found(loop, found.x, found.fjac.T @ R)
+            return replace(state, jacobian=found.fjac.T @ R)
     raise ConvergenceError(
-        f"drive at {loop.omega:g} rad/s: no steady state found; largest residual {residual:.3g} of "
-        f"the scaled equations, must be below {TOLERANCE:g}",
+        f"drive at {loop.omega:g} rad/s: no steady state found; largest residual "
+        f"{np.abs(r).max():.3g} of the scaled equations, must be below {TOLERANCE:g}",
     )
-
-
-def _found(loop: Loop, u: Array, jacobian: Array) -> LoopState:
-    """Return a solution, which may be slack."""
-    state = loop.state(u)
-    slack = np.min(state.P) < SLACK * max(loop.rest.T_0, np.max(state.P))
-    return replace(state, slack=bool(slack), jacobian=jacobian)

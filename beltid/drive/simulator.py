@@ -10,6 +10,7 @@ Then the rods are solved with its forces, until these no longer change, usually 
 from __future__ import annotations
 
 import math
+from collections import deque
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
+from beltid.drive.loop import Loop, LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import DriveResult, adhesion_arc
 from beltid.drive.string import Level, seat, sliding_arc
@@ -34,8 +35,9 @@ Method = Literal["string", "rod"]
 
 SHORTEST_SPAN = 6.0  # in bending lengths: the bending at pulleys further apart does not interact
 MOST_ROUNDS = 16
-FORCE_TOLERANCE = 5e-5  # change of the span forces over the tension at rest when converged
+FORCE_TOLERANCE = 1e-4  # change of the span forces over the tension at rest when converged
 SLIPPING = 0.02  # factor on it where a pulley slides as a whole: its speed depends on them more
+REMEMBERED = 60  # states of a mesh from which a search may start
 TENSION_STEP = 0.05  # of the logarithm of the tension within which tensions share a mesh
 WITHOUT_RANGE = 0.05  # fastest sliding over belt speed, for friction without a speed range
 SLIDING = 0.01  # over the belt's speed, where friction is looked up for what a bent belt holds
@@ -73,7 +75,7 @@ class Simulator:
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
         self._rest: dict[str, RestState] = {}
         self._idle: dict[tuple[float, str], LoopState] = {}
-        self._last: dict[tuple[float, float], LoopState] = {}
+        self._found: dict[int, deque[LoopState]] = {}
         self._known: dict[tuple[int, float, float], FlowPulley] = {}
 
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
@@ -117,13 +119,20 @@ class Simulator:
 
     def _with_rods(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
         """Find the steady state with rods, from that of a similar drive if it is known."""
-        like = self._last.get((rest.T_0, point.omega), near)
-        state = None
-        if like is not None and like.rods:
-            known = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
+        mesh, loop = round(math.log(rest.T_0) / TENSION_STEP), Loop(point, rest, None)
+        found = self._found.setdefault(mesh, deque(maxlen=REMEMBERED))
+
+        def distance(other: LoopState) -> float:
+            """From where the search would start without a similar state, scaled."""
+            return float(np.abs(loop.start(other) - loop.start(None)).max())
+
+        near = near if near is not None and near.rods else None
+        like, state = min(found, key=distance, default=near), None
+        if like is not None:
+            rods = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
             with suppress(ConvergenceError):
-                corrected = replace(rest, level=replace(rest.level, **known))
-                state = solve_loop(point, corrected, like)
+                state = solve_loop(point, replace(rest, level=replace(rest.level, **rods)), like)
+            near = min(like, near or like, key=distance)
         if state is None or np.isnan(state.arcs.slip).any():
             state = solve_loop(point, rest)
         for _ in range(MOST_ROUNDS):
@@ -132,13 +141,12 @@ class Simulator:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 slip = np.full(state.P.size, math.nan)
                 return replace(state, arcs=state.arcs._replace(slip=slip))
-            last, rods = state, self._rods(state, rest, near)
-            near = replace(state, rods=rods)
-            state = solve_loop(point, self._corrected(state, rest, rods), state)
+            last, near = state, replace(state, rods=self._rods(state, rest, near))
+            state = solve_loop(point, self._corrected(state, rest, near.rods), state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE * (SLIPPING if state.arcs.slip.any() else 1.0):
-                found = self._last[rest.T_0, point.omega] = self._told(state, rods)
-                return found
+                found.append(self._told(state, near.rods))
+                return found[-1]
         raise ConvergenceError(
             f"drive at {point.omega:g} rad/s: the forces of loop and rods did not converge in "
             f"{MOST_ROUNDS} rounds; they still change by {moved:.2g} of the tension at rest",
@@ -216,10 +224,9 @@ class Simulator:
                 continue
             rod, v0 = self._pulley(i, rest), state.v0
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
-            start = rod.nearest(v0, P_in, P_out)
-            other = near.rods[i] if near is not None and near.rods else None
-            if other is not None and other.s.q.size == 4 * rod.model.nodes.size:
-                start = other
+            start = None if near is None else near.rods[i]
+            if start is not None and start.s.q.size != 4 * rod.model.nodes.size:
+                start = None
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
             except ConvergenceError:
@@ -232,7 +239,7 @@ class Simulator:
         return tuple(rods)
 
     def _pulley(self, i: int, rest: RestState) -> FlowPulley:
-        """Return the rod of a pulley; similar tensions share a mesh."""
+        """Return the rod of a pulley."""
         drive, spans, wrap = self.drive, rest.laid.spans, float(rest.laid.wraps[i])
         tension = math.exp(round(math.log(rest.T_0) / TENSION_STEP) * TENSION_STEP)
         if (i, wrap, tension) not in self._known:

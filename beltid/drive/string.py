@@ -207,8 +207,8 @@ class Level:
             for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
         torque, W, rate, length, needed, slip = np.array(rows).T
-        W, rate = W * self.speed, rate * self.speed
-        return Arcs(torque + self.torque, W, rate, length, needed, slip, room)
+        torque, W, rate = torque + self.torque, W * self.speed, rate * self.speed
+        return Arcs(torque, W, rate, length, needed, slip, room)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
         """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15)."""

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +32,8 @@ FINER, POINTS = 3.0, 5  # elements of a flowing belt over those of the rig; cont
 # sliding speed at which friction is nearly whole, over v0: from rest, from a similar state, at last
 FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
 FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
-LEAST_SHARE = 1.0 / 64  # of the way to the given forces in one stage
-MOST_ITERATIONS, REMEMBERED = 16, 12  # of one equilibrium; states per pulley
+LEAST_SHARE = 1.0 / 16  # of the way to the given forces in one stage
+MOST_ITERATIONS = 28  # of one equilibrium
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,6 @@ class FlowPulley:
     wrap: float  # angle between the tangent points [rad]
     span: float  # length of belt on each side that is computed with the pulley [m]
     tension: float  # typical span force [N]: that of the mesh and of the belt at rest
-    states: deque[FlowState] = field(default_factory=lambda: deque(maxlen=REMEMBERED))  # found
 
     @functools.cached_property
     def model(self) -> RigModel:
@@ -62,15 +60,6 @@ class FlowPulley:
     def laid(self) -> State:
         """The belt at rest, laid on without friction and tightened to ``tension``."""
         return lay_on(self.model)
-
-    def nearest(self, v0: float, T_in: float, T_out: float) -> FlowState | None:
-        """Return the state found with the most similar flow and forces, if there is any."""
-
-        def distance(state: FlowState) -> float:
-            steps = (state.s.T_A / T_in, state.s.T_B / T_out, state.v0 / v0)
-            return sum(abs(math.log(step)) for step in steps)
-
-        return min(self.states, key=distance, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +126,7 @@ def flow(
                 f"pulley of {1e3 * pulley.R:g} mm, {math.degrees(pulley.wrap):.4g} deg, belt at "
                 f"{v0:g} m/s, {T_in:g} N: no steady running found"
             )
-    pulley.states.append(FlowState(v0, pulley.model.path.length * float(search.s.u[0]), search.s))
-    return pulley.states[-1]
+    return FlowState(v0, pulley.model.path.length * float(search.s.u[0]), search.s)
 
 
 @dataclass
