@@ -51,9 +51,7 @@ from beltid.uncertainty.sources import (
 Array = NDArray[np.float64]
 
 KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
-MESHES: Final = (1.5, 3.0)
-"""Numbers of elements over the default, so that the mesh adds no bias; the second where the first
-does not converge: contact points that come and go make the misfit of very quiet runs rough."""
+MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
 MODEL_ERROR: Final = 2.0e-4
 """Relative error of a simulated coefficient: a mesh four times finer changes it by 0.002 to 0.02 %,
 an independent model differs by 0.007 %."""
@@ -95,7 +93,6 @@ class RefinedSurface:
     noise_scale: float
     """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
     effective_parameters: float  # number of parameters that the data determine
-    notes: tuple[str, ...]  # how the solution was found, where it was not as usual
     warnings: tuple[str, ...]  # a sentence for each iteration that did not converge
 
     @property
@@ -118,20 +115,19 @@ def refine_surface(
     surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
     simulated, or if the iteration does not converge.
     """
-    n, notes = campaign.measured.mu.size, list[str]()
-    try:
-        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
-    except ConvergenceError as error:
-        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
-        ratio = MESHES[1] / MESHES[0]
-        notes.append(
-            f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
-        )
+    measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
+    rig = RigRuns(campaign, speeds, MESH)
+    problem = Problem(rig, start, measured, reference_degC)
+    first = problem.solved(start)
+    # once more, with the knots where forces act with the solution
+    start = problem.tabulated(problem.curves.B @ first.coordinates)
+    problem = Problem(rig, start, measured, reference_degC)
+    fit = problem.solved(start)
     curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
     told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
-        at = curves.surfaces(parameters), problem.rig.speeds, fit.sweep.speed_slope
+        at = curves.surfaces(parameters), rig.speeds, fit.sweep.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
         runs = replace(runs, shared=-changes)
         mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
@@ -171,7 +167,7 @@ def refine_surface(
             sources=left,
             changes=at_nodes,
             scatter=scatter,
-            arcs_deg=campaign.measured.arcs_deg,
+            arcs_deg=measured.arcs_deg,
         ),
         curves=curves,
         parameters=parameters,
@@ -187,21 +183,8 @@ def refine_surface(
         iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
-        notes=tuple(notes),
         warnings=tuple(warnings),
     )
-
-
-def _solved(
-    campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
-) -> tuple[Problem, Fit, Fit]:
-    """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    rig, start = RigRuns(campaign, speeds, mesh), campaign.bench.surface
-    problem = Problem(rig, start, campaign.measured, reference_degC)
-    first = problem.solved(start)
-    start = problem.tabulated(problem.curves.B @ first.coordinates)
-    problem = Problem(rig, start, campaign.measured, reference_degC)
-    return problem, first, problem.solved(start)
 
 
 class Sweep(NamedTuple):

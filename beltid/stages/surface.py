@@ -300,7 +300,6 @@ def refined(
         validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
-            *found.notes,
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
