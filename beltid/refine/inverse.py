@@ -190,8 +190,7 @@ def refine_surface(
 class Sweep(NamedTuple):
     """All runs simulated with one surface."""
 
-    tight: Array  # tensions [N], (n,)
-    slack: Array
+    tensions: Array  # tight and slack [N], (2, n)
     log_mu: Array  # logarithms of the coefficients at the speed of each run, (n,)
     J: Array  # derivatives of ``log_mu`` with respect to the parameters, (n, size)
     speed_slope: Array  # derivative of ``log_mu`` with respect to ln v of the run, (n,)
@@ -211,7 +210,7 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
-    return Sweep(tight, slack, log_mu, J.reshape(n, m * k), speed_slope)
+    return Sweep(np.array([tight, slack]), log_mu, J.reshape(n, m * k), speed_slope)
 
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, float]:
@@ -271,31 +270,25 @@ class Problem:
         return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
 
     def solved(self, start: FrictionSurface) -> Fit:
-        """Iterate with damping; choose weights and sizes again a few times, then freeze them.
-
-        They are chosen again after a whole step, or if the misfit decreases no further.
-        """
+        """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
         done = sweep(self.rig, self.curves, self.curves.B @ at)
         before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
-        share, choices = 1.0, 0
         for iteration in range(1, MOST_ITERATIONS + 1):
-            fresh = choices < CHOICES and share in (0.0, 1.0)
-            if fresh:
+            if chosen := iteration <= CHOICES:
                 weight, response = _weights(residual), done.J.sum(axis=1)
-                choices += 1
             runs = self.linearised(done, at, weight, response)
-            if fresh:
+            if chosen:
                 posterior = runs.choose(sizes)
             else:
                 posterior = replace(runs.model().at(sizes), converged=posterior.converged)
-            sizes, last = posterior.sizes, choices == CHOICES
+            sizes = posterior.sizes
             residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
             share, at, done, change, gain = self._descend(at, done, runs, posterior)
-            if share == 0.0 and gain <= NOTHING and (fresh or last):
+            if share == 0.0 and gain <= NOTHING:
                 return Fit(at, done, runs, posterior, weight, before, iteration)
-            if share == 0.0 and last:
+            if share == 0.0 and iteration >= CHOICES:
                 break
         if change > NEARLY:
             raise ConvergenceError(
@@ -341,8 +334,7 @@ LEAST_EVIDENCE: Final = math.log(20.0)
 """Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
 
 
-@dataclass(frozen=True, slots=True)
-class ShownEffect:
+class ShownEffect(NamedTuple):
     """An effect of the campaign and its size for the reader."""
 
     key: str  # of the effect; "scatter" for the friction from run to run
@@ -352,23 +344,9 @@ class ShownEffect:
     uncertainty: float  # standard uncertainty of the size; nan for the scatter
     arcs_deg: tuple[float, ...] = ()  # with the lower and the higher friction, of an arc effect
     explained: float = math.nan  # share that force and speed of the runs explain; nan for arcs
-    log_evidence: float = math.inf  # for the effect, where others may replace it; if it is large
-
-    @property
-    def is_confounded(self) -> bool:
-        """Whether the runs cannot separate it from the surface."""
-        return self.explained > CONFOUNDED
-
-    @property
-    def is_large(self) -> bool:
-        """Whether it far exceeds its uncertainty, and no surface explains it."""
-        least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
-        return abs(self.size) > least and not self.is_confounded
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it is large and nothing else explains the runs equally well."""
-        return self.is_large and self.log_evidence > LEAST_EVIDENCE
+    is_confounded: bool = False  # whether the runs cannot separate it from the surface
+    is_large: bool = False  # whether it far exceeds its uncertainty, and no surface explains it
+    is_clear: bool = False  # whether, besides, no other effect explains the runs equally well
 
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
@@ -403,11 +381,13 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     for key, of in rows.items():
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
-        effect = ShownEffect(key, size, u, arcs if key == ARC else ())
+        explained = math.nan
         if key != ARC:
             change = found.runs.response * (columns[key] @ (unit[key] @ mean))
-            effect = replace(effect, explained=found.runs.explained(change, found.sizes))
-        if effect.is_large:  # this takes a search
-            effect = replace(effect, log_evidence=found.runs.log_evidence_for(key))
-        effects.append(effect)
+            explained = found.runs.explained(change, found.sizes)
+        hidden = explained > CONFOUNDED
+        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
+        clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search
+        of_arcs = arcs if key == ARC else ()
+        effects.append(ShownEffect(key, size, u, of_arcs, explained, hidden, large, clear))
     return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
