@@ -31,7 +31,6 @@ from beltid.refine.posterior import (
     SHARED_ERRORS,
     Curves,
     LinearRuns,
-    Sizes,
     campaign_effects,
 )
 from beltid.uncertainty.measured import Measured
@@ -94,11 +93,6 @@ class RefinedSurface:
     """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
     effective_parameters: float  # number of parameters that the data determine
     warnings: tuple[str, ...]  # a sentence for each iteration that did not converge
-
-    @property
-    def sizes(self) -> Sizes:
-        """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
-        return self.posterior.sizes
 
 
 def refine_surface(
@@ -206,7 +200,7 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     # small deviations from the speed of the group are corrected by the slope between the speeds
     by_speed: Array = np.zeros((m, k))
     if m > 1:
-        by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
+        by_speed = np.asarray(np.gradient(parameters.reshape(m, k), curves.log_speed, axis=0))
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
@@ -384,10 +378,10 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         explained = math.nan
         if key != ARC:
             change = found.runs.response * (columns[key] @ (unit[key] @ mean))
-            explained = found.runs.explained(change, found.sizes)
+            explained = found.runs.explained(change, found.posterior.sizes)
         hidden = explained > CONFOUNDED
         large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
         clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search
         of_arcs = arcs if key == ARC else ()
         effects.append(ShownEffect(key, size, u, of_arcs, explained, hidden, large, clear))
-    return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
+    return (*effects, ShownEffect(SCATTER, found.posterior.sizes[SCATTER], math.nan))

@@ -77,10 +77,6 @@ class Curves:
         inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
         return np.asarray(self._cardinal(inside), dtype=float)
 
-    def by_speed(self, values: Array) -> Array:
-        """Reshape values at the knots, speed by speed, to (m, k, ...)."""
-        return values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
-
     @cached_property
     def parts(self) -> dict[str, Array]:
         """Columns of B by the name of their part."""
@@ -103,14 +99,15 @@ class Curves:
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
         log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        rows = zip(self.log_speed, self.by_speed(values) @ self.basis(log_force).T, strict=True)
+        log_mu = values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T
+        rows = zip(self.log_speed, log_mu, strict=True)
         force = np.exp(log_force)
         return [FrictionSurface(force, [np.exp(v)], np.exp(row)[:, None]) for v, row in rows]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""
-        basis = self.basis(np.log(forces))
-        return np.asarray(np.einsum("fk,vks->fvs", basis, self.by_speed(vectors)))
+        of_speed = vectors.reshape(self.log_speed.size, self.log_force.size, -1)
+        return np.asarray(np.einsum("fk,vks->fvs", self.basis(np.log(forces)), of_speed))
 
     def _integral(self, order: int) -> Array:
         """Integrate products of the derivatives of the basis functions over ln f, (k, k)."""

@@ -61,9 +61,9 @@ def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
     found = solved("5pk", 0.005, SMALL)
     gain, q = found.runs.gain(found.posterior)[: found.parameters.size], found.parameters.size
-    noise = gain * found.runs.variance(found.sizes) @ gain.T
+    noise = gain * found.runs.variance(found.posterior.sizes) @ gain.T
     smoothed = np.eye(q) - gain @ found.runs.X
-    precision = found.runs.precision(found.sizes)
+    precision = found.runs.precision(found.posterior.sizes)
     prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
     own = noise + smoothed * prior @ smoothed.T
     at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
@@ -220,7 +220,7 @@ def test_friction_that_scatters_from_run_to_run_is_no_noise_of_the_cells() -> No
     response = solved(speeds=SMALL).runs.response
     of = shifted(campaign(speeds=TWO), response * scatter, NOISE, order=PERMUTED)
     found = refine_surface(of, TWO)
-    assert found.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.25)
+    assert found.posterior.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.25)
     error, se = at_nodes(found)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     assert abs(number(found, ORDER).size) < 3.0 * number(found, ORDER).uncertainty

@@ -45,7 +45,9 @@ def test_slopes_obey_the_dimensions(nominal, slopes):
     basis = curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)
     inner = np.ones(curves.log_force.size)
     inner[[0, -1]] = 2.0  # one-sided there: the nearest value holds beyond
-    along = (inner[:, None] * basis / (2 * step)) @ curves.by_speed(nominal.parameters).T
+    along = (inner[:, None] * basis / (2 * step)) @ nominal.parameters.reshape(
+        SMALL.speeds.size, -1
+    ).T
     shift = -done.J @ along.T.ravel()
     forces = slope["initial tension"] + slope["EI"] + slope["EA"]
     forces = forces + slope["k_linear"] + slope["k_quadratic"] + shift
