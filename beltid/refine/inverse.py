@@ -12,7 +12,6 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, ConvergenceError, percent
+from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.posterior import (
@@ -306,12 +305,17 @@ class Problem:
             return 0.0, at, done, change, 0.0
         gain = runs.misfit(effect, step, sizes)
         initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
-        for share in min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS):
-            with contextlib.suppress(BeltidError):  # no sliding state so far away
-                trial = sweep(self.rig, self.curves, self.curves.B @ (at + share * step))
-                misfit = runs.misfit(self.log_mu - trial.log_mu, at + share * step, sizes)
-                if misfit <= initial - share * 2.0 * DECREASE * gain:
-                    return float(share), at + share * step, trial, change, gain
+        shares = min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS)
+        for share, trial in zip(shares.tolist(), at + shares[:, None] * step, strict=True):
+            try:
+                simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
+            except NumericsError:  # no sliding state so far away
+                if share == shares[-1]:
+                    raise
+                continue
+            misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+            if misfit <= initial - share * 2.0 * DECREASE * gain:
+                return share, trial, simulated, change, gain
         return 0.0, at, done, change, gain
 
 
