@@ -32,13 +32,7 @@ from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
 from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS, SPEED_BEND, Curves
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
-from beltid.uncertainty.simulated import (
-    MESH,
-    Campaign,
-    RigRuns,
-    residual_changes,
-    simulated_runs,
-)
+from beltid.uncertainty.simulated import MESH, Campaign, RigRuns, residual_changes, simulated_runs
 from beltid.uncertainty.sources import (
     ARC,
     SURFACE,

@@ -24,14 +24,7 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
-from beltid.refine.posterior import (
-    BEFORE,
-    SCATTER,
-    SHARED_ERRORS,
-    Curves,
-    LinearRuns,
-    campaign_effects,
-)
+from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
 from beltid.uncertainty.sources import (
@@ -109,13 +102,12 @@ def refine_surface(
     simulated, or if the iteration does not converge.
     """
     measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
-    rig = RigRuns(campaign, speeds, MESH)
-    problem = Problem(rig, start, measured, reference_degC)
-    first = problem.solved(start)
-    # once more, with the knots where forces act with the solution
-    start = problem.tabulated(problem.curves.B @ first.coordinates)
-    problem = Problem(rig, start, measured, reference_degC)
-    fit = problem.solved(start)
+    rig, fits = RigRuns(campaign, speeds, MESH), list[Fit]()
+    for _ in range(2):  # the second time with the knots where forces act with the first solution
+        problem = Problem(rig, start, measured, reference_degC)
+        fits.append(problem.solved(start))
+        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
+    first, fit = fits
     curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
     told, left = (np.zeros(0), np.zeros(0)), list(sources)
@@ -325,7 +317,6 @@ def _weights(misfit: Array) -> Array:
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
-WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
 LEAST_EVIDENCE: Final = math.log(20.0)
@@ -352,13 +343,6 @@ def contradictions(found: RefinedSurface) -> dict[str, float]:
     sizes = np.abs(found.stated_errors[0]).tolist()
     rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
-
-
-def unusual_effects(found: RefinedSurface) -> dict[str, float]:
-    """Return effects larger than in 98 % of campaigns: key -> largest usual standard deviation."""
-    usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
-    numbers = {effect.key: found.posterior.of(effect.key)[0] for effect in found.runs.effects}
-    return {k: usual[k] for k, u in numbers.items() if np.sqrt(np.mean(np.square(u))) > usual[k]}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:

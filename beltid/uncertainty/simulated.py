@@ -35,15 +35,7 @@ from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
-from beltid.uncertainty.sources import (
-    ARC,
-    Errors,
-    Source,
-    budget,
-    changes_by,
-    reduction_sources,
-    sources_of,
-)
+from beltid.uncertainty.sources import ARC, Errors, Source, budget, changes_by, reduction_sources
 
 Array = NDArray[np.float64]
 
@@ -250,7 +242,8 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     if not stored:
         return None
     arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
-    return RunsUncertainty(sources_of(stored["sources"]), tuple(stored["runs"]), **arrays)
+    sources = tuple(Source(**row) for row in stored["sources"])
+    return RunsUncertainty(sources, tuple(stored["runs"]), **arrays)
 
 
 def simulated_uncertainty(

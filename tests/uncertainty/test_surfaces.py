@@ -11,11 +11,7 @@ from virtual_bench import GIVEN, SMALL, read_campaign
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
 from beltid.uncertainty.simulated import INPUTS, MESH, RigRuns, residual_changes
-from beltid.uncertainty.sources import (
-    SURFACE,
-    Errors,
-    stated_sources,
-)
+from beltid.uncertainty.sources import SURFACE, Errors, stated_sources
 
 
 @pytest.fixture(scope="module")
