@@ -32,13 +32,7 @@ from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
 from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS, SPEED_BEND, Curves
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
-from beltid.uncertainty.simulated import (
-    MESH,
-    Campaign,
-    RigRuns,
-    residual_changes,
-    simulated_runs,
-)
+from beltid.uncertainty.simulated import MESH, Campaign, RigRuns, residual_changes, simulated_runs
 from beltid.uncertainty.sources import (
     ARC,
     SURFACE,
@@ -189,7 +183,7 @@ def simulate_candidates(
     present = surface or usual_surface(curves.log_force, curves.log_speed)
     log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
-    runs = simulated_runs(bench, points, arc, kind, (done.tight, done.slack))
+    runs = simulated_runs(bench, points, arc, kind, done.tensions)
     shared = {key: np.full((arc.size, 1), value) for key, value in columns.items()}
     shared[ARC] = done.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
     campaign = replace(campaign, measured=replace(runs, columns=shared))

@@ -110,17 +110,15 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
     >= 1 of them: at least two arcs (if there are several) and, in three or more runs, one repeated
     run. Deterministic.
     """
-    chosen = _completed(before, runs, W, [], count)
-    variance = before.after(runs, chosen).variance(W)
-    improved = True
-    while improved:
-        improved = False
+    chosen, better = list[int](), _completed(before, runs, W, [], count)
+    while better:
+        chosen, better = better, []
+        variance = before.after(runs, chosen).variance(W)
         pairs = sorted(set(itertools.combinations(chosen, 2)))
         for dropped in (*((i,) for i in sorted(set(chosen))), *pairs):
             refilled = _completed(before, runs, W, less(chosen, *dropped), count)
-            lower = before.after(runs, refilled).variance(W)
-            if lower < variance * (1.0 - TIE):
-                chosen, variance, improved = refilled, lower, True
+            if before.after(runs, refilled).variance(W) < variance * (1.0 - TIE):
+                better = refilled
                 break
     return chosen
 
@@ -155,12 +153,8 @@ def _lacking(runs: RunRows, chosen: Sequence[int], count: int) -> dict[Need, int
 
 def needed_for(runs: RunRows, chosen: Sequence[int], count: int) -> dict[int, Need]:
     """Map each indispensable run of a plan of `count` runs to what the plan needs it for."""
-    needs: dict[int, Need] = {}
-    for i in set(chosen):
-        lacking = _lacking(runs, less(chosen, i), count)
-        if any(lacking.values()):
-            needs[i] = "arc" if lacking["arc"] else "repetition"
-    return needs
+    lacking = {i: _lacking(runs, less(chosen, i), count) for i in set(chosen)}
+    return {i: next(need for need in n if n[need]) for i, n in lacking.items() if any(n.values())}
 
 
 @dataclass(frozen=True, slots=True)

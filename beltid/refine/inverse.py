@@ -12,7 +12,6 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -22,18 +21,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, ConvergenceError, percent
+from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
-from beltid.refine.posterior import (
-    BEFORE,
-    SCATTER,
-    SHARED_ERRORS,
-    Curves,
-    LinearRuns,
-    Sizes,
-    campaign_effects,
-)
+from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
 from beltid.uncertainty.sources import (
@@ -51,9 +42,7 @@ from beltid.uncertainty.sources import (
 Array = NDArray[np.float64]
 
 KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
-MESHES: Final = (1.5, 3.0)
-"""Numbers of elements over the default, so that the mesh adds no bias; the second where the first
-does not converge: contact points that come and go make the misfit of very quiet runs rough."""
+MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
 MODEL_ERROR: Final = 2.0e-4
 """Relative error of a simulated coefficient: a mesh four times finer changes it by 0.002 to 0.02 %,
 an independent model differs by 0.007 %."""
@@ -95,13 +84,7 @@ class RefinedSurface:
     noise_scale: float
     """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
     effective_parameters: float  # number of parameters that the data determine
-    notes: tuple[str, ...]  # how the solution was found, where it was not as usual
     warnings: tuple[str, ...]  # a sentence for each iteration that did not converge
-
-    @property
-    def sizes(self) -> Sizes:
-        """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
-        return self.posterior.sizes
 
 
 def refine_surface(
@@ -118,20 +101,18 @@ def refine_surface(
     surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
     simulated, or if the iteration does not converge.
     """
-    n, notes = campaign.measured.mu.size, list[str]()
-    try:
-        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[0])
-    except ConvergenceError as error:
-        problem, first, fit = _solved(campaign, speeds, reference_degC, MESHES[1])
-        ratio = MESHES[1] / MESHES[0]
-        notes.append(
-            f"solved with {ratio:g} times as many belt elements as usual: {error.problems[0]}"
-        )
+    measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
+    rig, fits = RigRuns(campaign, speeds, MESH), list[Fit]()
+    for _ in range(2):  # the second time with the knots where forces act with the first solution
+        problem = Problem(rig, start, measured, reference_degC)
+        fits.append(problem.solved(start))
+        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
+    first, fit = fits
     curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
     parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
     told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
-        at = curves.surfaces(parameters), problem.rig.speeds, fit.sweep.speed_slope
+        at = curves.surfaces(parameters), rig.speeds, fit.sweep.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
         runs = replace(runs, shared=-changes)
         mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
@@ -171,7 +152,7 @@ def refine_surface(
             sources=left,
             changes=at_nodes,
             scatter=scatter,
-            arcs_deg=campaign.measured.arcs_deg,
+            arcs_deg=measured.arcs_deg,
         ),
         curves=curves,
         parameters=parameters,
@@ -187,28 +168,14 @@ def refine_surface(
         iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=effective,
-        notes=tuple(notes),
         warnings=tuple(warnings),
     )
-
-
-def _solved(
-    campaign: Campaign, speeds: Array, reference_degC: float | None, mesh: float
-) -> tuple[Problem, Fit, Fit]:
-    """Solve on a mesh, twice: the second time with the knots where forces act with the first."""
-    rig, start = RigRuns(campaign, speeds, mesh), campaign.bench.surface
-    problem = Problem(rig, start, campaign.measured, reference_degC)
-    first = problem.solved(start)
-    start = problem.tabulated(problem.curves.B @ first.coordinates)
-    problem = Problem(rig, start, campaign.measured, reference_degC)
-    return problem, first, problem.solved(start)
 
 
 class Sweep(NamedTuple):
     """All runs simulated with one surface."""
 
-    tight: Array  # tensions [N], (n,)
-    slack: Array
+    tensions: Array  # tight and slack [N], (2, n)
     log_mu: Array  # logarithms of the coefficients at the speed of each run, (n,)
     J: Array  # derivatives of ``log_mu`` with respect to the parameters, (n, size)
     speed_slope: Array  # derivative of ``log_mu`` with respect to ln v of the run, (n,)
@@ -224,11 +191,11 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     # small deviations from the speed of the group are corrected by the slope between the speeds
     by_speed: Array = np.zeros((m, k))
     if m > 1:
-        by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
+        by_speed = np.asarray(np.gradient(parameters.reshape(m, k), curves.log_speed, axis=0))
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
-    return Sweep(tight, slack, log_mu, J.reshape(n, m * k), speed_slope)
+    return Sweep(np.array([tight, slack]), log_mu, J.reshape(n, m * k), speed_slope)
 
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, float]:
@@ -288,31 +255,25 @@ class Problem:
         return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
 
     def solved(self, start: FrictionSurface) -> Fit:
-        """Iterate with damping; choose weights and sizes again a few times, then freeze them.
-
-        They are chosen again after a whole step, or if the misfit decreases no further.
-        """
+        """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
         at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
         done = sweep(self.rig, self.curves, self.curves.B @ at)
         before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
-        share, choices = 1.0, 0
         for iteration in range(1, MOST_ITERATIONS + 1):
-            fresh = choices < CHOICES and share in (0.0, 1.0)
-            if fresh:
+            if chosen := iteration <= CHOICES:
                 weight, response = _weights(residual), done.J.sum(axis=1)
-                choices += 1
             runs = self.linearised(done, at, weight, response)
-            if fresh:
+            if chosen:
                 posterior = runs.choose(sizes)
             else:
                 posterior = replace(runs.model().at(sizes), converged=posterior.converged)
-            sizes, last = posterior.sizes, choices == CHOICES
+            sizes = posterior.sizes
             residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
             share, at, done, change, gain = self._descend(at, done, runs, posterior)
-            if share == 0.0 and gain <= NOTHING and (fresh or last):
+            if share == 0.0 and gain <= NOTHING:
                 return Fit(at, done, runs, posterior, weight, before, iteration)
-            if share == 0.0 and last:
+            if share == 0.0 and iteration >= CHOICES:
                 break
         if change > NEARLY:
             raise ConvergenceError(
@@ -336,12 +297,17 @@ class Problem:
             return 0.0, at, done, change, 0.0
         gain = runs.misfit(effect, step, sizes)
         initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
-        for share in min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS):
-            with contextlib.suppress(BeltidError):  # no sliding state so far away
-                trial = sweep(self.rig, self.curves, self.curves.B @ (at + share * step))
-                misfit = runs.misfit(self.log_mu - trial.log_mu, at + share * step, sizes)
-                if misfit <= initial - share * 2.0 * DECREASE * gain:
-                    return float(share), at + share * step, trial, change, gain
+        shares = min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS)
+        for share, trial in zip(shares.tolist(), at + shares[:, None] * step, strict=True):
+            try:
+                simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
+            except NumericsError:  # no sliding state so far away
+                if share == shares[-1]:
+                    raise
+                continue
+            misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+            if misfit <= initial - share * 2.0 * DECREASE * gain:
+                return share, trial, simulated, change, gain
         return 0.0, at, done, change, gain
 
 
@@ -351,15 +317,13 @@ def _weights(misfit: Array) -> Array:
     return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
-WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
 CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
 LEAST_EVIDENCE: Final = math.log(20.0)
 """Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
 
 
-@dataclass(frozen=True, slots=True)
-class ShownEffect:
+class ShownEffect(NamedTuple):
     """An effect of the campaign and its size for the reader."""
 
     key: str  # of the effect; "scatter" for the friction from run to run
@@ -369,23 +333,9 @@ class ShownEffect:
     uncertainty: float  # standard uncertainty of the size; nan for the scatter
     arcs_deg: tuple[float, ...] = ()  # with the lower and the higher friction, of an arc effect
     explained: float = math.nan  # share that force and speed of the runs explain; nan for arcs
-    log_evidence: float = math.inf  # for the effect, where others may replace it; if it is large
-
-    @property
-    def is_confounded(self) -> bool:
-        """Whether the runs cannot separate it from the surface."""
-        return self.explained > CONFOUNDED
-
-    @property
-    def is_large(self) -> bool:
-        """Whether it far exceeds its uncertainty, and no surface explains it."""
-        least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
-        return abs(self.size) > least and not self.is_confounded
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it is large and nothing else explains the runs equally well."""
-        return self.is_large and self.log_evidence > LEAST_EVIDENCE
+    is_confounded: bool = False  # whether the runs cannot separate it from the surface
+    is_large: bool = False  # whether it far exceeds its uncertainty, and no surface explains it
+    is_clear: bool = False  # whether, besides, no other effect explains the runs equally well
 
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
@@ -393,13 +343,6 @@ def contradictions(found: RefinedSurface) -> dict[str, float]:
     sizes = np.abs(found.stated_errors[0]).tolist()
     rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
-
-
-def unusual_effects(found: RefinedSurface) -> dict[str, float]:
-    """Return effects larger than in 98 % of campaigns: key -> largest usual standard deviation."""
-    usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
-    numbers = {effect.key: found.posterior.of(effect.key)[0] for effect in found.runs.effects}
-    return {k: usual[k] for k, u in numbers.items() if np.sqrt(np.mean(np.square(u))) > usual[k]}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
@@ -420,11 +363,13 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     for key, of in rows.items():
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
-        effect = ShownEffect(key, size, u, arcs if key == ARC else ())
+        explained = math.nan
         if key != ARC:
             change = found.runs.response * (columns[key] @ (unit[key] @ mean))
-            effect = replace(effect, explained=found.runs.explained(change, found.sizes))
-        if effect.is_large:  # this takes a search
-            effect = replace(effect, log_evidence=found.runs.log_evidence_for(key))
-        effects.append(effect)
-    return (*effects, ShownEffect(SCATTER, found.sizes[SCATTER], math.nan))
+            explained = found.runs.explained(change, found.posterior.sizes)
+        hidden = explained > CONFOUNDED
+        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
+        clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search
+        of_arcs = arcs if key == ARC else ()
+        effects.append(ShownEffect(key, size, u, of_arcs, explained, hidden, large, clear))
+    return (*effects, ShownEffect(SCATTER, found.posterior.sizes[SCATTER], math.nan))

@@ -14,6 +14,7 @@ would be taken for one of the bench; what the runs say of them is found beside i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,6 +54,7 @@ BEFORE: Final = {  # priors of the standard deviation of ln mu
     TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
 IF_CORRECTED: Final = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
+WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 LEAST_NOISE: Final = 0.5  # few runs may fit by chance
 LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
 SMALL: Final = 1.0e-3
@@ -77,10 +79,6 @@ class Curves:
         inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
         return np.asarray(self._cardinal(inside), dtype=float)
 
-    def by_speed(self, values: Array) -> Array:
-        """Reshape values at the knots, speed by speed, to (m, k, ...)."""
-        return values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
-
     @cached_property
     def parts(self) -> dict[str, Array]:
         """Columns of B by the name of their part."""
@@ -103,14 +101,15 @@ class Curves:
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
         log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        rows = zip(self.log_speed, self.by_speed(values) @ self.basis(log_force).T, strict=True)
+        log_mu = values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T
+        rows = zip(self.log_speed, log_mu, strict=True)
         force = np.exp(log_force)
         return [FrictionSurface(force, [np.exp(v)], np.exp(row)[:, None]) for v, row in rows]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""
-        basis = self.basis(np.log(forces))
-        return np.asarray(np.einsum("fk,vks->fvs", basis, self.by_speed(vectors)))
+        of_speed = vectors.reshape(self.log_speed.size, self.log_force.size, -1)
+        return np.asarray(np.einsum("fk,vks->fvs", self.basis(np.log(forces)), of_speed))
 
     def _integral(self, order: int) -> Array:
         """Integrate products of the derivatives of the basis functions over ln f, (k, k)."""
@@ -224,6 +223,12 @@ class LinearRuns:
         """Return the prior precision of the coordinates (q,); zero where they are free."""
         of_part = {part: 1.0 / sizes[part] ** 2 for part in (CURVE, DIFFERENCE) if part in sizes}
         return np.hstack([np.full(Z.shape[1], of_part.get(k, 0.0)) for k, Z in self.parts.items()])
+
+    def unusual_effects(self, posterior: Posterior) -> dict[str, float]:
+        """Return effects larger than in 98 % of campaigns: key -> largest usual deviation."""
+        usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
+        rms = {e.key: np.sqrt(np.mean(np.square(posterior.of(e.key)[0]))) for e in self.effects}
+        return {key: usual[key] for key, size in rms.items() if size > usual[key]}
 
     def gain(self, posterior: Posterior) -> Array:
         """Return the derivatives of all coefficients with respect to the data (k, n)."""

@@ -32,16 +32,8 @@ from beltid.stages.inputs import (
     standard_uncertainties,
     surface_from,
 )
-from beltid.uncertainty.drive import (
-    DriveUncertainty,
-    drive_uncertainty,
-)
-from beltid.uncertainty.sources import (
-    DRIVE,
-    PRESS,
-    budget,
-    stated_sources,
-)
+from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
+from beltid.uncertainty.sources import DRIVE, PRESS, budget, stated_sources
 
 SIGNIFICANT_LOSS: Final = 0.1  # share of the largest loss above which a loss counts in the budget
 ALIKE_RATIOS: Final = 0.03  # relative difference between a ratio of speeds and that of radii

@@ -38,13 +38,7 @@ from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.stages.surface import NEEDED
 from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import Measured, measured_runs, valid_rows
-from beltid.uncertainty.sources import (
-    EFFECT_SOURCES,
-    FITTED,
-    Source,
-    SurfaceUncertainty,
-    sources_of,
-)
+from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source, SurfaceUncertainty
 
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)  # of the paper's 5PK belt, before any measurement
 MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
@@ -184,7 +178,7 @@ def _known_surface(surface: Any) -> SurfaceUncertainty:
     found, stored = surface_from(surface), surface.facts.get("uncertainty")
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
-    sources = sources_of(stored["sources"])
+    sources = tuple(Source(**row) for row in stored["sources"])
     return SurfaceUncertainty(
         surface=found,
         sources=sources,

@@ -53,7 +53,7 @@ from beltid.uncertainty.simulated import (
     simulated_runs,
     simulated_uncertainty,
 )
-from beltid.uncertainty.sources import SURFACE, sources_of, stated_sources, with_sources
+from beltid.uncertainty.sources import SURFACE, Source, stated_sources, with_sources
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -343,7 +343,7 @@ def _uncertainty(
     """Return the uncertainty of simulated runs; a note if it stays unknown."""
     numbers, arcs = numbered_arcs([run.arc_deg for run in good], stored.get("arcs_deg", ()))
     stated = stated_sources(standard_uncertainties(config), SURFACE, len(arcs))
-    sources = with_sources(sources_of(stored.get("sources", ())), stated)
+    sources = with_sources([Source(**row) for row in stored.get("sources", ())], stated)
     points, kind, calls = [run.point for run in good], rig_kind(config), []
     tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in good.values()]).T
     for piece in (slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)):

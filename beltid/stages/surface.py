@@ -27,7 +27,6 @@ from beltid.refine.inverse import (
     contradictions,
     refine_surface,
     shown_effects,
-    unusual_effects,
 )
 from beltid.refine.posterior import SCATTER
 from beltid.rig.model import Bench
@@ -300,7 +299,6 @@ def refined(
         validity=found.surface.validity,
         set_aside=set_aside,
         notes=(
-            *found.notes,
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
@@ -411,7 +409,7 @@ def _disagreement(result: Refinement) -> Iterator[str]:
     if scale > MOST_NOISE:
         most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
-    for key, usual in unusual_effects(found).items():
+    for key, usual in found.runs.unusual_effects(found.posterior).items():
         shown = f"standard deviation {percent(100 * usual)}"
         yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
     for name, size in contradictions(found).items():

@@ -35,15 +35,7 @@ from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
-from beltid.uncertainty.sources import (
-    ARC,
-    Errors,
-    Source,
-    budget,
-    changes_by,
-    reduction_sources,
-    sources_of,
-)
+from beltid.uncertainty.sources import ARC, Errors, Source, budget, changes_by, reduction_sources
 
 Array = NDArray[np.float64]
 
@@ -250,7 +242,8 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     if not stored:
         return None
     arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
-    return RunsUncertainty(sources_of(stored["sources"]), tuple(stored["runs"]), **arrays)
+    sources = tuple(Source(**row) for row in stored["sources"])
+    return RunsUncertainty(sources, tuple(stored["runs"]), **arrays)
 
 
 def simulated_uncertainty(
@@ -322,12 +315,6 @@ SETTINGS: Final = (
     ("pulley_speed_rad_s", "pulley_speed_rad_s"),
 )
 """Column of the actual setting, and of the simulated one."""
-SCATTERS: Final = (
-    "scatter of the measured runs",
-    "scatter behind the simulated runs",
-    "mesh and time steps of the simulation",
-    "settings that the bench missed",
-)
 UNKNOWN: Final = (
     "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
     "contains it): u_validation holds only that of the measured runs, and the scatter"
@@ -382,7 +369,12 @@ def validated(
         ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
         missed = missed + slope * np.log(ratio)
     of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
-    parts = dict(zip(SCATTERS, (of_runs, of_surface, numerical, np.abs(missed)), strict=True))
+    parts = {
+        "scatter of the measured runs": of_runs,
+        "scatter behind the simulated runs": of_surface,
+        "mesh and time steps of the simulation": numerical,
+        "settings that the bench missed": np.abs(missed),
+    }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
     u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
     result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan

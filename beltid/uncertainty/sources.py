@@ -195,11 +195,6 @@ def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
     return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in range(count))
 
 
-def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
-    """Read sources of error from metadata."""
-    return tuple(Source(**row) for row in stored)
-
-
 def with_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
     """Return the sources stored with a surface, then the given ones that it lacks."""
     there = {source.key for source in stored}
@@ -277,10 +272,9 @@ class SurfaceUncertainty:
 
     def stated_otherwise(self, stated: StandardUncertainties) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
-        now = stated_sources(stated, SURFACE, len(self.arcs_deg))
-        sizes = {source.key: source.size for source in now}
+        now = {s.key: s.size for s in stated_sources(stated, SURFACE, len(self.arcs_deg))}
         then = (source for source in self.sources if source.basis != FITTED)
-        return list(dict.fromkeys(s.name for s in then if sizes.get(s.key, s.size) != s.size))
+        return list(dict.fromkeys(s.name for s in then if now.get(s.key, s.size) != s.size))
 
     @property
     def factor(self) -> Array:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 import pytest
 from truth.bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, solved, true_mu
 
 from beltid.errors import ConvergenceError
+from beltid.identify.friction.run import TWO_CELLS
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.refine import inverse
 from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
 from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.simulated import simulated_runs
 from beltid.uncertainty.sources import ARC, ORDER, TEMPERATURE, Source
 
 SMALL = tuple(TWO)
@@ -61,9 +61,9 @@ def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
     found = solved("5pk", 0.005, SMALL)
     gain, q = found.runs.gain(found.posterior)[: found.parameters.size], found.parameters.size
-    noise = gain * found.runs.variance(found.sizes) @ gain.T
+    noise = gain * found.runs.variance(found.posterior.sizes) @ gain.T
     smoothed = np.eye(q) - gain @ found.runs.X
-    precision = found.runs.precision(found.sizes)
+    precision = found.runs.precision(found.posterior.sizes)
     prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
     own = noise + smoothed * prior @ smoothed.T
     at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
@@ -132,22 +132,6 @@ def test_one_speed_and_one_arc() -> None:
     np.testing.assert_allclose(refined.surface.mu(force, 0.0105), expected, rtol=0.01)
 
 
-def test_a_surface_that_only_a_finer_mesh_gives_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    solve = inverse._solved
-
-    def fails_once(*arguments: Any) -> Any:
-        if arguments[-1] == inverse.MESHES[0]:
-            raise ConvergenceError("no convergence in 40 iterations")
-        return solve(*arguments)
-
-    monkeypatch.setattr(inverse, "_solved", fails_once)
-    found = refine_surface(campaign("5pk", NOISE, TWO[:1]), TWO[:1])
-    (note,) = found.notes
-    assert "2 times as many belt elements" in note
-    assert "no convergence in 40 iterations" in note
-    assert solved("5pk", speeds=SMALL).notes == ()
-
-
 @pytest.mark.long
 def test_coefficients_that_no_surface_gives_are_reported() -> None:
     of = campaign("5pk", speeds=TWO)
@@ -168,11 +152,10 @@ def test_only_the_right_boundary_recovers_the_surface() -> None:
         for speed in v
     ]
     runs = [simulate(bench, p, SimulationSettings("steady", elements=120)) for p in points]
-    tight, slack = np.array([(run.tension_tight_N, run.tension_slack_N) for run in runs]).T
-    beta, T_0, omega = np.array([(p.beta, p.T_0, p.omega) for p in points]).T
-    mu = np.log(tight / slack) / beta
-    arc, order = (beta > 1.0).astype(np.intp), np.zeros(mu.size, dtype=np.intp)
-    measured = Measured(R, arc, beta, T_0, omega, tight, slack, 1e-4 * mu, order=order)
+    tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in runs]).T
+    arc = np.array([p.beta > 1.0 for p in points], dtype=np.intp)
+    measured = simulated_runs(bench, points, arc, TWO_CELLS, tensions)
+    measured = replace(measured, mu_se=1e-4 * measured.mu, order=0 * arc)
     for force, low, high in (("slack", 0.0, 0.003), ("none", 0.03, 1.0)):
         rig = replace(of.bench.rig, given_force=force)
         wrong = replace(of, measured=measured, bench=replace(of.bench, rig=rig))
@@ -237,7 +220,7 @@ def test_friction_that_scatters_from_run_to_run_is_no_noise_of_the_cells() -> No
     response = solved(speeds=SMALL).runs.response
     of = shifted(campaign(speeds=TWO), response * scatter, NOISE, order=PERMUTED)
     found = refine_surface(of, TWO)
-    assert found.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.25)
+    assert found.posterior.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.25)
     error, se = at_nodes(found)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     assert abs(number(found, ORDER).size) < 3.0 * number(found, ORDER).uncertainty

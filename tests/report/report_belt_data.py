@@ -162,7 +162,7 @@ def simulated() -> dict[str, Any]:
 def source(name: str, basis: str, percent: float) -> dict[str, Any]:
     words = {"quantity": "surface", "source": name, "acts_on": "all together", "basis": basis}
     sizes = dict.fromkeys(("contribution_percent", "largest_percent", "share_percent"), percent)
-    return words | sizes | {"standard_uncertainty": 0.1, "unit": "%", "degrees_of_freedom": None}
+    return words | sizes | {"standard_uncertainty": 0.1, "unit": "%"}
 
 
 BUDGET = [source("contact arc", "assumed", 0.4), source("scatter", "fitted", 0.3)]

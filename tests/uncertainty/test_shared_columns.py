@@ -69,26 +69,6 @@ def plain():
     return beltid.refine_surface(friction(), LAW, NOTHING)
 
 
-@pytest.mark.long
-def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
-    published = beltid.build_surface(with_shared(), NOTHING)
-    response = refined.result.refined.runs.response
-    # published: the line force follows a coefficient by (x/2) coth(x/2) - 1 < 0.2, x = mu beta, and
-    # the surface that force by its slope of -0.2
-    for outcome, low, high in ((published, 1.0, 1.03), (refined, 1 / response.max(), 1.2)):
-        found = lines(outcome.tables["budget"])
-        # the coefficient of a run follows a factor on the surface by its response, 0.85 to 1.02
-        for name, size in (("shape of the tail", TAIL), ("common drift", -DRIFT)):
-            assert 0.99 * low < found[name] / (100 * size) < 1.01 * high
-        assert found["scatter of the runs"] < 100 * OWN * 1.1 or outcome is published
-        names = [s["error"] for s in outcome.facts["uncertainty"]["sources"]]
-        assert names[:2] == ["shared_tail", "shared_drift"]
-        factor = outcome.columns["mu_factor"]
-        known = np.isfinite(outcome.columns["mu_u"])
-        size = np.sqrt(np.sum(np.square(factor[known]), axis=1)) * outcome.columns["mu"][known]
-        np.testing.assert_allclose(outcome.columns["mu_u"][known], size, rtol=1e-9)
-
-
 def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
     f, measured = refined.columns["normal_force_N_m"], friction()["normal_force_N_m"]
     inside = (f > measured.min()) & (f < measured.max())

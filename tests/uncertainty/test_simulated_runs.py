@@ -98,18 +98,6 @@ def test_without_a_covariance_the_standard_errors_add_up(
     )
 
 
-def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
-    plain: RunsUncertainty,
-) -> None:
-    errors = [source.error for source in stated_sources(GIVEN, (RIG_,), 2)]
-    of_measured = plain.simulated - plain.difference
-    # Eq. (6): the logarithm of the tensions over the arc; a gain of both cells cancels
-    beta = np.array([point.beta for point in POINTS])
-    expected = -np.log1p(GIVEN["arc"] / beta)
-    np.testing.assert_allclose(of_measured[:, errors.index("arc")], expected, rtol=1e-9)
-    np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
-
-
 def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: RunsUncertainty) -> None:
     surface, step = scaled(1.0), 1e-3
     for i, point in enumerate(POINTS):

@@ -47,19 +47,27 @@ def errors(**values: list[float]) -> Errors:
     return Errors({(name, k): x for name, of in values.items() for k, x in enumerate(of)})
 
 
-def test_a_gain_of_both_cells_cancels_in_mu_but_not_in_the_force():
-    after = runs().corrected(errors(tension_gain=[0.01]))
-    np.testing.assert_allclose(after.mu, runs().mu, rtol=1e-14)
-    np.testing.assert_allclose(after.normal_force, 1.01 * runs().normal_force, rtol=1e-12)
-    np.testing.assert_allclose(after.T_0, [272.7, 101.0])
+T_0 = runs().T_0
 
 
-def test_a_difference_of_gains_and_a_zero_point_change_mu_by_eq_6():
-    after = runs().corrected(errors(cell_gain=[0.004, -0.002]))
-    np.testing.assert_allclose(after.mu - runs().mu, math.log(1.004 / 0.998) / BETA, rtol=1e-10)
-    after = runs().corrected(errors(cell_offset=[0.0, 0.7]))
-    np.testing.assert_allclose(after.mu, np.log(TIGHT / (SLACK + 0.7)) / BETA, rtol=1e-12)
-    np.testing.assert_allclose(after.T_0, [270.35, 100.35])
+@pytest.mark.parametrize(
+    ("given", "tight", "slack", "rest", "beta"),
+    [
+        ({"tension_gain": [0.01]}, 1.01 * TIGHT, 1.01 * SLACK, 1.01 * T_0, BETA),
+        ({"cell_gain": [0.004, -0.002]}, 1.004 * TIGHT, 0.998 * SLACK, 1.001 * T_0, BETA),
+        ({"cell_offset": [0.0, 0.7]}, TIGHT, SLACK + 0.7, T_0 + 0.35, BETA),
+        # a share of the change since rest: the tight cell rises and lags, the slack one falls
+        ({"cell_hysteresis": [0.1]}, 1.1 * TIGHT - 0.1 * T_0, 1.1 * SLACK - 0.1 * T_0, T_0, BETA),
+        ({"arc_setting": [0.0, 0.01]}, TIGHT, SLACK, T_0, BETA + np.array([0.01, 0.0])),
+        ({"arc": [0.01]}, TIGHT, SLACK, T_0, BETA + 0.01),
+    ],
+)
+def test_errors_of_cells_and_arcs_act_by_eq_6(given, tight, slack, rest, beta) -> None:
+    after = runs().corrected(errors(**given))
+    for found, expected in ((after.tight, tight), (after.slack, slack), (after.T_0, rest)):
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(after.mu, np.log(tight / slack) / beta, rtol=1e-12)
+    np.testing.assert_allclose(after.normal_force, (tight - slack) / (0.05 * after.mu * beta))
 
 
 @pytest.mark.parametrize(("given", "weight"), [("tight", 0), ("slack", 1)])
@@ -98,22 +106,6 @@ def test_scatter_of_a_run_leaves_the_force_that_is_given(given: GivenForce, kept
     np.testing.assert_allclose(kept(after.tight, after.slack), kept(TIGHT, SLACK), rtol=1e-14)
     # without an error nothing moves: what errors do would else hold the scatter, each of them
     np.testing.assert_allclose(after.corrected(Errors()).T_0, T_0, rtol=1e-14)
-
-
-def test_an_arc_acts_on_its_own_setting_or_on_all():
-    one = runs().corrected(errors(arc_setting=[0.0, 0.01]))
-    np.testing.assert_allclose(one.mu / runs().mu, [BETA[0] / (BETA[0] + 0.01), 1.0], rtol=1e-12)
-    both = runs().corrected(errors(arc=[0.01]))
-    np.testing.assert_allclose(both.mu / runs().mu, BETA / (BETA + 0.01), rtol=1e-12)
-
-
-def test_hysteresis_of_the_cells_lowers_what_they_show_of_the_coefficient():
-    # a share of the change since rest: the tight cell rises and lags, the slack one falls and lags
-    after = runs().corrected(errors(cell_hysteresis=[0.01]))
-    np.testing.assert_allclose(after.tight, TIGHT + 0.01 * (TIGHT - runs().T_0), rtol=1e-12)
-    np.testing.assert_allclose(after.slack, SLACK - 0.01 * (runs().T_0 - SLACK), rtol=1e-12)
-    assert np.all(after.mu > runs().mu)
-    np.testing.assert_allclose(after.T_0, runs().T_0)
 
 
 def test_radius_and_speed_move_force_and_sliding_speed():

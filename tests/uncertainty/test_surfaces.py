@@ -11,11 +11,7 @@ from virtual_bench import GIVEN, SMALL, read_campaign
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
 from beltid.uncertainty.simulated import INPUTS, MESH, RigRuns, residual_changes
-from beltid.uncertainty.sources import (
-    SURFACE,
-    Errors,
-    stated_sources,
-)
+from beltid.uncertainty.sources import SURFACE, Errors, stated_sources
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +41,9 @@ def test_slopes_obey_the_dimensions(nominal, slopes):
     basis = curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)
     inner = np.ones(curves.log_force.size)
     inner[[0, -1]] = 2.0  # one-sided there: the nearest value holds beyond
-    along = (inner[:, None] * basis / (2 * step)) @ curves.by_speed(nominal.parameters).T
+    along = (inner[:, None] * basis / (2 * step)) @ nominal.parameters.reshape(
+        SMALL.speeds.size, -1
+    ).T
     shift = -done.J @ along.T.ravel()
     forces = slope["initial tension"] + slope["EI"] + slope["EA"]
     forces = forces + slope["k_linear"] + slope["k_quadratic"] + shift

@@ -153,25 +153,13 @@ def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
     return design.campaign(replace(measured, mu_se=design.noise * measured.mu))
 
 
-@dataclass(frozen=True)
-class Repetition:
-    """Errors of ln mu at the nodes within the forces of the runs, and their uncertainties."""
-
-    error: np.ndarray
-    scatter: np.ndarray
-    combined: np.ndarray
-
-
-def repetition(design: Design, seed: int) -> Repetition:
-    """A campaign read, refined and compared with the truth."""
+def repetition(design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Refine a campaign; errors of ln mu within the forces of its runs, and their uncertainty."""
     campaign = read_campaign(design, np.random.default_rng(seed))
     sources = stated_sources(design.given, SURFACE, len(design.settings[0]))
     found = refine_surface(campaign, design.speeds, sources).uncertainty
     f, force = found.surface.normal_force_N_m, campaign.measured.normal_force
     inside = (f >= force.min()) & (f <= force.max())
     truth = design.mu(f[inside][:, None], design.speeds[None, :])
-    return Repetition(
-        error=np.log(found.surface.mu_nodes[inside] / truth),
-        scatter=np.linalg.norm(found.scatter[inside], axis=-1),
-        combined=np.linalg.norm(found.factor[inside], axis=-1),
-    )
+    error = np.log(found.surface.mu_nodes[inside] / truth)
+    return error.ravel(), np.linalg.norm(found.factor[inside], axis=-1).ravel()
