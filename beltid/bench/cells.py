@@ -9,9 +9,11 @@ from __future__ import annotations
 import csv
 import datetime
 import itertools
+import os
 import re
 import zipfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +32,8 @@ from beltid.store.disk import MAX_BYTES
 from beltid.tables.schemas import RECORDINGS, table
 from beltid.tables.units import canonical_unit, is_known_unit
 
+Piece = tuple[int, int, int]
+"""Begin and end of some lines of a text, and their number."""
 SEARCHED: Final = 400  # rows searched for a header below title lines
 MAX_COLUMNS: Final = 2000
 SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
@@ -38,7 +42,7 @@ SEPARATORS: Final = (",", ";", "\t", "|", " ")
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
 """Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18  # bytes in which the header is searched
-BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
+BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
@@ -131,16 +135,17 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
 
 def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
-    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    written = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
-        file.readinto(body)
-    body, encoding, notes = as_utf8(body, place, dialect.encoding)
+        file.readinto(written)
+    body, encoding, notes = as_utf8(written, place, dialect.encoding)
     top = _top(body, place)
     kept = ["" if i < dialect.skip_lines else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect)
     if separator != "," and not dialect.separator:
         notes.append(f"separator {separator!r} found in the header")
-    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    above = sum(len(line.encode()) + 1 for line in top[: head.first_row])
+    del body[:above]
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -155,19 +160,28 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
-    misfits = list[Any]()
-    lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
-    frame = _by_arrow(body, names, plain, written, len(lines), misfits)
-    if frame is None and plain:  # a cell may be no number
-        frame = _by_arrow(body, names, (), written, len(lines), misfits)
-    if frame is None:
+    is_as_written = body is written and separator != " " and body.endswith(b"\n")
+    body += b"" if body.endswith(b"\n") else b"\n"
+    pieces, quote = _pieces(body), '"' if b'"' in body else False
+    between = separator, signs.decimal, quote
+    if is_as_written:
+        body.clear()  # the file has them
+    fetch = lambda begin, end: body[begin:end] or _part(path, above + begin, end - begin)  # noqa: E731
+    read = _by_arrow(fetch, pieces, names, plain, between)
+    if read is None and plain:  # a cell may be no number
+        read = _by_arrow(fetch, pieces, names, (), between)
+    if read is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    rows = [row.number - 1 for row in misfits]
-    told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
+    frame, lines, misfits = read
+    told = [
+        (head.first_row + 1 + line, row.actual_columns)
+        for line, row in misfits
+        if not re.match(r"\s*(?:#|$)", row.text)
+    ]
     problems.add_alike(
         range(len(told)),
-        lambda i: f"{told[i].actual_columns} cells, must be {len(names)}",
-        lambda i: (f"{place}:{lines[told[i].number - 1]}", int(lines[told[i].number - 1])),
+        lambda i: f"{told[i][1]} cells, must be {len(names)}",
+        lambda i: (f"{place}:{told[i][0]}", told[i][0]),
     )
     yield Raw(
         place,
@@ -175,7 +189,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         format="Zwick testXpert text" if _ZWICK.search("\n".join(top[:60])) else "CSV",
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
-        lines=np.delete(lines, rows) if rows else lines,
+        lines=lines + (head.first_row + 1),
         header_line=head.row + 1,
         units_line=head.units_row + 1,
         signs=signs,
@@ -281,38 +295,43 @@ def _signs(
     return signs
 
 
-def _lines(body: bytearray, first_line: int) -> Sequence[int] | np.ndarray:
-    """Return the line of every row that is not blank."""
-    if b"\n\n" not in body and body[:1] != b"\n":
-        return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
-    ends = np.flatnonzero(np.frombuffer(body, np.uint8) == ord("\n"))
-    if not body.endswith(b"\n"):
-        ends = np.append(ends, len(body))
-    return np.flatnonzero(np.diff(ends, prepend=-1) > 1) + first_line
+def _part(path: Path, begin: int, length: int) -> bytes:
+    """Read some bytes of a file."""
+    with path.open("rb") as file:
+        file.seek(begin)
+        return file.read(length)
+
+
+def _pieces(body: bytearray) -> list[Piece]:
+    """Cut a text into pieces of whole lines, none of which leaves quotation marks open."""
+    pieces, begin = list[Piece](), 0
+    while begin < len(body):
+        end = body.rfind(b"\n", begin, begin + BLOCK) + 1 or body.find(b"\n", begin) + 1
+        while body.count(b'"', body.rfind(b"\n", begin, end - 1) + 1, end) % 2 and end < len(body):
+            end = body.find(b"\n", end) + 1
+        ends = np.frombuffer(body, np.uint8, end - begin, begin) == ord("\n")
+        pieces.append((begin, end, int(np.count_nonzero(ends))))
+        begin = end
+    return pieces
 
 
 def _by_arrow(
-    body: bytearray,
+    fetch: Callable[[int, int], bytes | bytearray],
+    pieces: Sequence[Piece],
     names: Sequence[str],
     numeric: Collection[str],  # the others are texts
-    signs: tuple[str, str],  # between cells, of decimals
-    n_rows: int,
-    misfits: list[Any],
-) -> pd.DataFrame | None:
-    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
-    misfits.clear()
+    signs: tuple[str, str, str | bool],  # between cells, of decimals, around cells
+) -> tuple[pd.DataFrame, np.ndarray, list[tuple[int, Any]]] | None:
+    """Read the columns with Arrow, the lines of the rows and those of another width, from 0.
+
+    None if a cell is not as expected. Threads read the pieces of the text, so that memory holds
+    the numbers once; texts that repeat are held once, too.
+    """
     keys = {f"c{i}": name for i, name in enumerate(names)}
-    types = {k: pa.float64() if n in numeric else pa.large_string() for k, n in keys.items() if n}
-    texts: dict[str, list[Any]] = {
-        key: [] for key, kind in types.items() if kind == pa.large_string()
-    }
-    columns: dict[str, Any] = {name: np.empty(n_rows) for name in names if name in numeric}
-    parse = pa_csv.ParseOptions(
-        delimiter=signs[0],
-        quote_char='"' if b'"' in body else False,
-        invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
-    )
-    read = pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK, use_threads=False)
+    words = pa.dictionary(pa.int32(), pa.large_string())
+    types = {k: pa.float64() if n in numeric else words for k, n in keys.items() if n}
+    parse = {"delimiter": signs[0], "quote_char": signs[2]}
+    read = pa_csv.ReadOptions(column_names=list(keys), block_size=1 << 30, use_threads=False)
     convert = pa_csv.ConvertOptions(
         column_types=types,
         include_columns=list(types),
@@ -320,23 +339,49 @@ def _by_arrow(
         strings_can_be_null=True,
         decimal_point=signs[1],
     )
-    at = 0
-    try:  # block by block, so that memory holds the numbers once
-        for batch in pa_csv.open_csv(pa.BufferReader(body), read, parse, convert):
-            for key in types:
-                values = batch.column(key)
-                if key in texts:
-                    texts[key].append(values)
-                else:
-                    columns[keys[key]][at : at + len(values)] = values.to_numpy(False)
-            at += batch.num_rows
+    count, at, above = sum(n for _, _, n in pieces), 0, 0
+    numbers = {k: np.empty(count) for k, kind in types.items() if kind != words}
+    texts: dict[str, list[Any]] = {k: [] for k in types if k not in numbers}
+    lines, misfits = np.empty(count, np.int32), list[tuple[int, Any]]()
+    work = lambda piece: _rows_of(fetch(*piece[:2]), parse, read, convert)  # noqa: E731
+    try:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
+                span = slice(at, at + len(table))
+                for key in types:
+                    if key in numbers:
+                        numbers[key][span] = table[key].to_numpy()
+                    else:
+                        texts[key] += table[key].chunks
+                lines[span] = own + above
+                misfits += [(line + above, row) for line, row in wrong]
+                at, above = span.stop, above + n
     except (pa.ArrowException, ValueError):
         return None
-    if at + len(misfits) != n_rows:
-        return None
-    for key, cells in texts.items():
-        columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.large_string()), dtype="str")
-    return pd.DataFrame({name: columns[name][:at] for name in names if name}, copy=False)
+    columns = {keys[k]: values[:at] for k, values in numbers.items()}
+    columns |= {keys[k]: pa.chunked_array(cells, words).to_pandas() for k, cells in texts.items()}
+    frame = pd.DataFrame({name: columns[name] for name in names if name}, copy=False)
+    return frame, lines[:at], misfits
+
+
+def _rows_of(
+    piece: bytes | bytearray,
+    parse: Mapping[str, Any],
+    read: pa_csv.ReadOptions,
+    convert: pa_csv.ConvertOptions,
+) -> tuple[pa.Table, np.ndarray, list[tuple[int, Any]]]:
+    """Read some lines: the rows, their lines, and the rows of another width, with their lines."""
+    misfits: list[Any] = []
+    handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]  # noqa: E731
+    options = pa_csv.ParseOptions(**parse, invalid_row_handler=handler)
+    table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
+    ends = np.flatnonzero(np.frombuffer(piece, np.uint8) == ord("\n"))
+    lines = np.flatnonzero(np.diff(ends, prepend=-1) > 1)
+    rows = [row.number - 1 for row in misfits]
+    if len(table) + len(rows) != len(lines):
+        raise ValueError("a line break stands in quotation marks")
+    wrong = [*zip(lines[rows].tolist(), misfits, strict=True)] if rows else []
+    return table, np.delete(lines, rows), wrong
 
 
 # --- workbooks ------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 
 from beltid.bench import cells
 from beltid.bench.mapping import (
@@ -23,7 +22,7 @@ from beltid.bench.mapping import (
     resolved,
 )
 from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
-from beltid.bench.raw import Field, Raw, is_text
+from beltid.bench.raw import Field, Raw, codes_of, is_text
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import Problems
 from beltid.tables.schemas import SETTINGS, Column
@@ -89,8 +88,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     part = Part(first, columns, found, names, notes, rows)
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
-        codes = np.asarray(pd.factorize(labels)[0])
-        columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at)
+        columns["time_s"] = clock.elapsed(columns["time_s"], codes_of(labels)[0], part.at)
         notes.append(clock.note)
     _fill(part, stated, needs)
     return part

@@ -179,6 +179,19 @@ def in_seconds(times: T, unit: str, place: str) -> T:
     return times if by is None or by.factor == 1.0 else by.apply(times)
 
 
+def stretches(*columns: np.ndarray) -> np.ndarray:
+    """Return the rows with which stretches of equal values begin."""
+    changed = np.logical_or.reduce([values[1:] != values[:-1] for values in columns])
+    return np.flatnonzero(np.append(True, changed))[: len(columns[0])]
+
+
+def codes_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of every label, -1 for none, and the labels, in order of appearance."""
+    begins = stretches(labels)
+    codes, words = pd.factorize(labels[begins])
+    return codes.repeat(np.diff(begins, append=len(labels))), words
+
+
 # --- names ----------------------------------------------------------------------------------------
 
 

@@ -17,7 +17,7 @@ from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
-from beltid.bench.raw import Raw
+from beltid.bench.raw import Raw, codes_of
 from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
 from beltid.errors import InputError
 from beltid.tables import schemas
@@ -188,9 +188,15 @@ def _simulated(path: Path, kind: str) -> Recording | None:
 
 def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
     """Return columns in our names and units as a DataFrame, marked as such, its notes in attrs."""
-    frame = pd.DataFrame(columns)
+    frame = pd.DataFrame({name: _words(x) for name, x in columns.items()}, copy=False)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame
+
+
+def _words(values: np.ndarray) -> Any:
+    """Return labels as a column of pandas, as it makes of them; numbers as they are."""
+    codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
+    return pd.array(words, dtype="str").take(codes, allow_fill=True) if len(words) else values
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:

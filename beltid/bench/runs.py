@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from beltid.bench.columns import Part
 from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
-from beltid.bench.raw import POSITION, Raw, roles_meant
+from beltid.bench.raw import POSITION, Raw, codes_of, roles_meant, stretches
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
@@ -97,8 +97,8 @@ def joined(
             label, file = part.names[1], part.names[-1]
             label = f"{file}/{label}" if counts[label] > 1 and label != file else label
             part.columns[table.label] = _labels(part, label, problems)
-        for label in pd.unique(part.columns[table.label]) if timed else ():
-            if label is not None and (owner := owners.setdefault(label, place)) != place:
+        for label in codes_of(part.columns[table.label])[1] if timed else ():
+            if (owner := owners.setdefault(label, place)) != place:
                 problems.add(f"{place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(place)
@@ -121,9 +121,11 @@ def joined(
     present, columns = {name for part in parts for name in part.columns}, dict[str, np.ndarray]()
     for column in table.columns:
         if column.name in present or column.name not in RUN_TEXTS:
-            missing = np.array([None if column.dtype == "string" else np.nan])
+            kind, missing = (object, None) if column.dtype == "string" else (float, np.nan)
             pieces = [
-                part.columns.pop(column.name, missing.repeat(n))
+                part.columns.pop(column.name)
+                if column.name in part.columns
+                else np.full(n, missing, kind)
                 for part, n in zip(parts, lengths, strict=True)
             ]
             columns[column.name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
@@ -187,7 +189,8 @@ class Checker:
         self.name, self.columns, self.place, self.needs = name, columns, place, needs
         self.table, self.problems = needs.table, needs.problems
         self.label, self.timed = columns[self.table.label], "time_s" in columns
-        self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
+        self.codes = codes_of(self.label)[0]
+        self.begins = stretches(self.codes)
 
     def run(self, units_stated: Collection[str]) -> list[str]:
         """Run all checks; return notes on what is allowed. Stated units are not questioned."""
@@ -223,10 +226,12 @@ class Checker:
         is_compared = column.unit in ("N", "mm") and column.name not in NOMINAL
         if not self.timed or not is_compared or not self.codes.any():
             return False
-        runs = pd.Series(np.abs(values) if column.unit == "N" else values).groupby(self.codes)
-        size = runs.max() if column.unit == "N" else (runs.max() - runs.min()) / 2
+        lows, highs = (of.reduceat(values, self.begins) for of in (np.fmin, np.fmax))
+        runs = pd.DataFrame({"low": lows, "high": highs}).groupby(self.codes[self.begins])
+        low, high = runs["low"].min(), runs["high"].max()
+        size: Any = np.maximum(-low, high) if column.unit == "N" else (high - low) / 2
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
-            rows = runs.indices[run]
+            rows = np.flatnonzero(self.codes == run)
             guess = other_unit(column, kind, values[rows])
             is_idle = "idle" in self.columns and "true" in self.columns["idle"][rows]
             if guess and not is_idle:
@@ -245,31 +250,35 @@ class Checker:
 
     def _setting(self, name: str) -> None:
         """Fill in a setting that only some rows of a run state; report it if it changes there."""
-        codes, values = self.codes, self.columns[name]
-        stated = ~absent(values) & (codes >= 0)
+        values = self.columns[name]
+        heads = stretches(self.codes, values)  # what is to be seen shows there
+        codes, cells = self.codes[heads], values[heads]
+        stated = ~absent(cells) & (codes >= 0)
         begins = stated & ~pd.Series(np.where(stated, codes, -1)).duplicated().to_numpy()
         nothing = None if values.dtype == object else np.nan
         first = np.full(codes.max() + 2, nothing, values.dtype)
-        first[codes[begins]] = values[begins]
-        first = first[codes]
-        rows = np.flatnonzero((values != first) & stated)
+        first[codes[begins]] = cells[begins]
+        rows = np.flatnonzero((cells != first[codes]) & stated)
         if values.dtype != object:
-            rows = rows[~np.isclose(values[rows], first[rows], rtol=1e-6, atol=0.0)]
+            rows = rows[~np.isclose(cells[rows], first[codes[rows]], rtol=1e-6, atol=0.0)]
         self.problems.add_alike(
-            rows[~pd.Series(codes[rows]).duplicated().to_numpy()],
+            heads[rows[~pd.Series(codes[rows]).duplicated().to_numpy()]],
             lambda i: (
-                f"{name} = {shown_value(values[i])}, must stay {shown_value(first[i])} within "
-                f"{self.table.label} {self.label[i]} (is the label used twice?)"
+                f"{name} = {shown_value(values[i])}, must stay "
+                f"{shown_value(first[self.codes[i]])} within {self.table.label} {self.label[i]} "
+                "(is the label used twice?)"
             ),
             self.place,
         )
-        self.columns[name] = np.where(stated | (codes < 0), values, first)
+        if not stated.all():
+            kept = ~absent(values) | (self.codes < 0)
+            self.columns[name] = np.where(kept, values, first[self.codes])
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""
         values, missing = self.columns[column.name], np.isnan(self.columns[column.name])
-        negative = int((values < 0.0).sum())
-        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+        is_force = column.low == 0.0 and column.unit == "N"
+        if is_force and np.count_nonzero(values < 0.0) > max(9, 0.5 * values.size):
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
                 "cell is reversed, put a minus before its name in the file: "
@@ -303,10 +312,12 @@ class Checker:
 
     def _time(self) -> None:
         """Report times that go backwards within a run."""
-        time, codes = pd.Series(self.columns["time_s"]), self.codes
-        before = time.groupby(codes).shift()
+        time, begins = self.columns["time_s"], self.begins
+        last = pd.Series(time[np.append(begins[1:], len(time)) - 1])
+        before = np.roll(time, 1)
+        before[begins] = last.groupby(self.codes[begins]).shift()
         self._report(
-            (time < before).to_numpy() & (codes >= 0),
+            (time < before) & (self.codes >= 0),
             lambda i: (
                 f"time_s = {time[i]:g} after {before[i]:g} in {self.table.label} {self.label[i]}, "
                 "must not go backwards (is the label used twice?)"
@@ -319,14 +330,16 @@ def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
 
     Benches record tensions of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm.
     """
-    finite, name = values[np.isfinite(values)], column.name
+    is_finite, name = np.isfinite(values), column.name
+    finite = values if is_finite.all() else values[is_finite]
     if not finite.size or (kind == "points" and name != "arc_deg"):
         return ""  # tables written by hand, for belts of any size
-    largest, travel = np.abs(finite).max(), float(np.ptp(finite))
+    low, high = float(finite.min()), float(finite.max())
+    largest, travel = max(-low, high), high - low
     is_tension = column.unit == "N" and "tension" in name
     plausible = (
-        (is_tension and finite.max() > 0.0 and largest < 5.0, "kN"),
-        (is_tension and np.median(np.abs(finite)) > 1e4, "mN"),
+        (is_tension and high > 0.0 and largest < 5.0, "kN"),
+        (is_tension and largest > 1e4 and np.median(np.abs(finite)) > 1e4, "mN"),
         (name == "force_N" and largest < 5.0, "kN"),
         (name == "force_N" and largest > 2e4, "mN"),
         (name == "displacement_mm" and 30.0 < travel < 1e6, "um"),
@@ -334,6 +347,6 @@ def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
         (name == "torque_N_m" and 0.0 < largest < 0.1, "kN m"),
         (name == "torque_N_m" and largest > 1000.0, "N mm"),
         (name == "arc_deg" and largest < 2 * np.pi, "rad"),
-        (name == "temperature_degC" and finite.min() > 200.0, "K"),
+        (name == "temperature_degC" and low > 200.0, "K"),
     )
     return next((unit for holds, unit in plausible if holds), "")
