@@ -343,7 +343,7 @@ def _by_arrow(
     numbers = {k: np.empty(count) for k, kind in types.items() if kind != words}
     texts: dict[str, list[Any]] = {k: [] for k in types if k not in numbers}
     lines, misfits = np.empty(count, np.int32), list[tuple[int, Any]]()
-    work = lambda piece: _rows_of(fetch(*piece[:2]), parse, read, convert)  # noqa: E731
+    work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], parse, read, convert)  # noqa: E731
     try:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
@@ -366,6 +366,7 @@ def _by_arrow(
 
 def _rows_of(
     piece: bytes | bytearray,
+    n: int,  # of its lines
     parse: Mapping[str, Any],
     read: pa_csv.ReadOptions,
     convert: pa_csv.ConvertOptions,
@@ -375,6 +376,8 @@ def _rows_of(
     handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]  # noqa: E731
     options = pa_csv.ParseOptions(**parse, invalid_row_handler=handler)
     table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
+    if len(table) == n:
+        return table, np.arange(n), []
     ends = np.flatnonzero(np.frombuffer(piece, np.uint8) == ord("\n"))
     lines = np.flatnonzero(np.diff(ends, prepend=-1) > 1)
     rows = [row.number - 1 for row in misfits]

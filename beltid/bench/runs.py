@@ -285,10 +285,12 @@ class Checker:
                 + self.needs.say("columns", column.name, f'"-{column.name}"')
             )
             return []
-        self._report(
-            np.isinf(values) | outside(values, column),
-            lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
-        )
+        extremes = np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
+        if np.any(np.isinf(extremes) | outside(extremes, column)):
+            self._report(
+                np.isinf(values) | outside(values, column),
+                lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
+            )
         if not column.nullable:
             empty = f"{column.name} is empty, must be {column.allowed}"
             self._report(missing & (self.codes >= 0), lambda i: empty)
