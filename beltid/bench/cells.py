@@ -172,16 +172,11 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         read = _by_arrow(fetch, pieces, names, (), between)
     if read is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    frame, lines, misfits = read
-    told = [
-        (head.first_row + 1 + line, row.actual_columns)
-        for line, row in misfits
-        if not re.match(r"\s*(?:#|$)", row.text)
-    ]
+    (frame, lines, misfits), first = read, head.first_row + 1
     problems.add_alike(
-        range(len(told)),
-        lambda i: f"{told[i][1]} cells, must be {len(names)}",
-        lambda i: (f"{place}:{told[i][0]}", told[i][0]),
+        range(len(misfits)),
+        lambda i: f"{misfits[i][1]} cells, must be {len(names)}",
+        lambda i: (f"{place}:{first + misfits[i][0]}", first + misfits[i][0]),
     )
     yield Raw(
         place,
@@ -189,7 +184,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         format="Zwick testXpert text" if _ZWICK.search("\n".join(top[:60])) else "CSV",
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
-        lines=lines + (head.first_row + 1),
+        lines=lines + first,
         header_line=head.row + 1,
         units_line=head.units_row + 1,
         signs=signs,
@@ -321,17 +316,16 @@ def _by_arrow(
     names: Sequence[str],
     numeric: Collection[str],  # the others are texts
     signs: tuple[str, str, str | bool],  # between cells, of decimals, around cells
-) -> tuple[pd.DataFrame, np.ndarray, list[tuple[int, Any]]] | None:
+) -> tuple[pd.DataFrame, np.ndarray, list[tuple[int, int]]] | None:
     """Read the columns with Arrow, the lines of the rows and those of another width, from 0.
 
     None if a cell is not as expected. Threads read the pieces of the text, so that memory holds
     the numbers once; texts that repeat are held once, too.
     """
-    keys = {f"c{i}": name for i, name in enumerate(names)}
     words = pa.dictionary(pa.int32(), pa.large_string())
-    types = {k: pa.float64() if n in numeric else words for k, n in keys.items() if n}
+    types = {name: pa.float64() if name in numeric else words for name in names if name}
     parse = {"delimiter": signs[0], "quote_char": signs[2]}
-    read = pa_csv.ReadOptions(column_names=list(keys), block_size=1 << 30, use_threads=False)
+    read = pa_csv.ReadOptions(column_names=names, block_size=1 << 30, use_threads=False)
     convert = pa_csv.ConvertOptions(
         column_types=types,
         include_columns=list(types),
@@ -340,28 +334,27 @@ def _by_arrow(
         decimal_point=signs[1],
     )
     count, at, above = sum(n for _, _, n in pieces), 0, 0
-    numbers = {k: np.empty(count) for k, kind in types.items() if kind != words}
-    texts: dict[str, list[Any]] = {k: [] for k in types if k not in numbers}
-    lines, misfits = np.empty(count, np.int32), list[tuple[int, Any]]()
+    lines, misfits = np.empty(count, np.int32), list[tuple[int, int]]()
+    columns: dict[str, Any] = {name: np.empty(count) if name in numeric else [] for name in types}
     work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], parse, read, convert)  # noqa: E731
     try:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
                 span = slice(at, at + len(table))
-                for key in types:
-                    if key in numbers:
-                        numbers[key][span] = table[key].to_numpy()
+                for name, values in zip(types, table.columns, strict=True):
+                    if name in numeric:
+                        columns[name][span] = values.to_numpy()
                     else:
-                        texts[key] += table[key].chunks
+                        columns[name] += values.chunks
                 lines[span] = own + above
-                misfits += [(line + above, row) for line, row in wrong]
+                misfits += [(line + above, width) for line, width in wrong]
                 at, above = span.stop, above + n
     except (pa.ArrowException, ValueError):
         return None
-    columns = {keys[k]: values[:at] for k, values in numbers.items()}
-    columns |= {keys[k]: pa.chunked_array(cells, words).to_pandas() for k, cells in texts.items()}
-    frame = pd.DataFrame({name: columns[name] for name in names if name}, copy=False)
-    return frame, lines[:at], misfits
+    for name, held in columns.items():
+        is_text = types[name] == words
+        columns[name] = pa.chunked_array(held, words).to_pandas() if is_text else held[:at]
+    return pd.DataFrame(columns, copy=False), lines[:at], misfits
 
 
 def _rows_of(
@@ -370,8 +363,8 @@ def _rows_of(
     parse: Mapping[str, Any],
     read: pa_csv.ReadOptions,
     convert: pa_csv.ConvertOptions,
-) -> tuple[pa.Table, np.ndarray, list[tuple[int, Any]]]:
-    """Read some lines: the rows, their lines, and the rows of another width, with their lines."""
+) -> tuple[pa.Table, np.ndarray, list[tuple[int, int]]]:
+    """Read some lines: the rows, their lines, and line and width of those of another width."""
     misfits: list[Any] = []
     handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]  # noqa: E731
     options = pa_csv.ParseOptions(**parse, invalid_row_handler=handler)
@@ -383,8 +376,9 @@ def _rows_of(
     rows = [row.number - 1 for row in misfits]
     if len(table) + len(rows) != len(lines):
         raise ValueError("a line break stands in quotation marks")
-    wrong = [*zip(lines[rows].tolist(), misfits, strict=True)] if rows else []
-    return table, np.delete(lines, rows), wrong
+    is_told = [not re.match(r"\s*(?:#|$)", row.text) for row in misfits]
+    told = [(int(lines[k]), row.actual_columns) for k, row in zip(rows, misfits, strict=True)]
+    return table, np.delete(lines, rows), [*itertools.compress(told, is_told)]
 
 
 # --- workbooks ------------------------------------------------------------------------------------

@@ -8,19 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench import cells
-from beltid.bench.mapping import (
-    Found,
-    Needs,
-    channels_of,
-    channels_of_head,
-    lacking,
-    mapped,
-    meant,
-    notes_of,
-    refuse_missing,
-    resolved,
-)
+from beltid.bench import cells, mapping
+from beltid.bench.mapping import Found, Needs, channels_of, meant, resolved
 from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
 from beltid.bench.raw import Field, Raw, codes_of, is_text
 from beltid.config.checks import name_pattern, number_in_name
@@ -65,22 +54,23 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     raws = [raw for raw in raws if id(raw) in times] or raws[:1]
     channels = [c for c in channels if id(c.raw) in {*map(id, raws)}]
     raw, notes = raws[0], [*dict.fromkeys(note for raw in raws for note in raw.notes)]
-    found = mapped(channels, needs, f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head)
+    place = f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head
+    found = mapping.mapped(channels, needs, place)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
     if is_mapped:
-        refuse_missing(channels, found, needs, raw.head, stated)
-    if not is_mapped or lacking(needs.table, {*found, *stated}):
+        mapping.refuse_missing(channels, found, needs, raw.head, stated)
+    if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
     rows: np.ndarray | None
     if times:
         columns, rows = _aligned(found, times, first, needs, notes)
     else:
         columns, rows = _filled({r: values_of(match, needs, clock) for r, match in found.items()})
-    notes += notes_of(found, needs.table, channels)
+    notes += mapping.notes_of(found, needs.table, channels)
     for raw in raws:
         problems.take(raw.problems)
         for name in [*raw.frame]:
@@ -97,8 +87,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
 def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
     """Fill columns of a run with stated values; note what they replace."""
     label = needs.table.label
-    labels = {*part.columns.get(label, ())} - {None}
-    if label in stated and len(labels) > 1 and "time_s" in needs.table.names:
+    labels = codes_of(part.columns.get(label, np.zeros(0)))[1] if label in stated else ()
+    if len(labels) > 1 and "time_s" in needs.table.names:
         needs.problems.add(
             f"{part.raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
             f"{label} holds {len(labels)} labels"
@@ -207,7 +197,7 @@ def _of_head(
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
     """Return our settings -> header fields: of the name in the config, else of known names."""
-    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
+    found = meant(mapping.channels_of_head(fields, needs.dialect), needs) if fields else {}
     return {
         role: matches
         for role, matches in found.items()

@@ -130,9 +130,8 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
         files = [
             f
             for f in found
-            if (
-                f.is_file() or (f.is_symlink() and not f.is_dir())
-            )  # the reader reports a dead link
+            if not f.is_dir()
+            and (f.is_file() or f.is_symlink())  # the reader reports a dead link
             and not f.name.startswith((".", "~$"))
             and f.suffix.lower() not in ignored
             and f.absolute() not in excluded

@@ -375,34 +375,28 @@ def refuse_missing(
         return
     kind, is_whole_one = bench_of(channels, [Needs(schemas.table(kind)) for kind in KINDS])
     if is_whole_one and kind != needs.kind:
-        command = schemas.table(kind).command
-        needs.problems.add(
-            f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
-        )
+        of = f"a recording of {schemas.table(kind).command}, data.{kind} in a config"
+        needs.problems.add(f"{place}: these are the columns of {of}")
         return
-    shown = [
-        f"{names[role]} (which the config names for {role})" if role in names else role
-        for role in missing
-    ] or [f"of {table.command}"]
-    are = ("column", "is") if len(shown) == 1 else ("columns", "are")
-    text = f"{place}: {are[0]} {', '.join(shown)} {are[1]} missing"
     used = {match.channel.name for match in found.values()}
     free = [c.name for c in channels if c.name not in used]
-    close = {
-        role: name
-        for role in missing
-        for name in difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6)
-    }
-    role = next(iter({**close, **dict.fromkeys(missing)}), "mu")
+    near = {r: difflib.get_close_matches(names.get(r, r), free, n=1, cutoff=0.6) for r in missing}
+    close = {role: matches[0] for role, matches in near.items() if matches}
+    role, how = next(iter([*close, *missing]), "mu"), ""
     if missing and not close and {*missing} <= {*schemas.NOMINAL}:
-        how = f"runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}}"
-        text += (
-            f'; state it in {how} for all runs, by pattern: "{{run}}_{{{role}}}.csv" of the file '
-            "names, or by table: runs.csv with a row per file"
+        how = (
+            f"; state it in runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}} for all runs, by "
+            f'pattern: "{{run}}_{{{role}}}.csv" of the file names, or by table: runs.csv with a '
+            "row per file"
         )
+    shown = [f"{names[r]} (which the config names for {r})" if r in names else r for r in missing]
+    are = "columns {} are" if len(shown) > 1 else "column {} is"
     held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
     say = needs.say("columns", role, f'"{close.get(role, "its name in the file")}"')
-    needs.problems.add(f"{text}; not yet read: {held}; if it has another name, state it: {say}")
+    needs.problems.add(
+        f"{place}: {are.format(', '.join(shown) or f'of {table.command}')} missing{how}; not yet "
+        f"read: {held}; if it has another name, state it: {say}"
+    )
 
 
 def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:

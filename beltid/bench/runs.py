@@ -25,10 +25,9 @@ MIN_SAMPLES: Final = 10
 PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
 OTHER_RUN: Final = 100.0
 """Least ratio of the largest run to a run in another unit; benches vary their load far less."""
-TRUTHS: Final = {
-    **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
-    **dict.fromkeys(("0", "no", "nein", "non"), "false"),
-}
+TRUTHS: Final = {"1": "true", "yes": "true", "ja": "true", "oui": "true"} | dict.fromkeys(
+    ("0", "no", "nein", "non"), "false"
+)
 
 
 def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
@@ -104,8 +103,7 @@ def joined(
             notes.setdefault(note, []).append(place)
     problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
-    lengths = [*map(len, parts)]
-    starts = np.cumsum([0, *lengths])[:-1]
+    starts = np.cumsum([0, *map(len, parts)])
 
     def place_of(sample: int) -> tuple[str, int]:
         """Return the place of a sample in its part."""
@@ -121,14 +119,12 @@ def joined(
     present, columns = {name for part in parts for name in part.columns}, dict[str, np.ndarray]()
     for column in table.columns:
         if column.name in present or column.name not in RUN_TEXTS:
-            kind, missing = (object, None) if column.dtype == "string" else (float, np.nan)
+            missing, name = np.array([None if column.dtype == "string" else np.nan]), column.name
             pieces = [
-                part.columns.pop(column.name)
-                if column.name in part.columns
-                else np.full(n, missing, kind)
-                for part, n in zip(parts, lengths, strict=True)
+                part.columns.pop(name) if name in part.columns else missing.repeat(n)
+                for part, n in zip(parts, np.diff(starts), strict=True)
             ]
-            columns[column.name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
+            columns[name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
     return columns, place_of, shown, set.intersection(*stated_units)
 
 
@@ -252,17 +248,17 @@ class Checker:
         """Fill in a setting that only some rows of a run state; report it if it changes there."""
         values = self.columns[name]
         heads = stretches(self.codes, values)  # what is to be seen shows there
+        heads = heads[~absent(values[heads]) & (self.codes[heads] >= 0)]
         codes, cells = self.codes[heads], values[heads]
-        stated = ~absent(cells) & (codes >= 0)
-        begins = stated & ~pd.Series(np.where(stated, codes, -1)).duplicated().to_numpy()
         nothing = None if values.dtype == object else np.nan
-        first = np.full(codes.max() + 2, nothing, values.dtype)
-        first[codes[begins]] = cells[begins]
-        rows = np.flatnonzero((cells != first[codes]) & stated)
+        first = np.full(self.codes.max() + 2, nothing, values.dtype)
+        runs, begins = np.unique(codes, return_index=True)
+        first[runs] = cells[begins]
+        rows = np.flatnonzero(cells != first[codes])
         if values.dtype != object:
             rows = rows[~np.isclose(cells[rows], first[codes[rows]], rtol=1e-6, atol=0.0)]
         self.problems.add_alike(
-            heads[rows[~pd.Series(codes[rows]).duplicated().to_numpy()]],
+            np.sort(heads[rows[np.unique(codes[rows], return_index=True)[1]]]),
             lambda i: (
                 f"{name} = {shown_value(values[i])}, must stay "
                 f"{shown_value(first[self.codes[i]])} within {self.table.label} {self.label[i]} "
@@ -270,9 +266,9 @@ class Checker:
             ),
             self.place,
         )
-        if not stated.all():
-            kept = ~absent(values) | (self.codes < 0)
-            self.columns[name] = np.where(kept, values, first[self.codes])
+        missing = absent(values) & (self.codes >= 0)
+        if missing.any():
+            self.columns[name] = np.where(missing, first[self.codes], values)
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""
@@ -303,14 +299,13 @@ class Checker:
     def _choices(self, column: Column) -> None:
         """Check a column that allows certain words only; case does not matter, and 1 is true."""
         truths = TRUTHS if column.choices == ("true", "false") else {}
-        values = self.columns[column.name]
-        lower = {word: word and truths.get(word.lower(), word.lower()) for word in set(values)}
-        right = np.array([lower[word] for word in values], dtype=object)
+        codes, words = pd.factorize(self.columns[column.name])
+        right = np.array([*(truths.get(w.lower(), w.lower()) for w in words), None], dtype=object)
         self._report(
-            np.array([word not in (None, *column.choices) for word in right]),
-            lambda i: f"{column.name} = {values[i]}, must be {column.allowed}",
+            np.array([word not in (None, *column.choices) for word in right])[codes],
+            lambda i: f"{column.name} = {words[codes[i]]}, must be {column.allowed}",
         )
-        self.columns[column.name] = right
+        self.columns[column.name] = right[codes]
 
     def _time(self) -> None:
         """Report times that go backwards within a run."""
