@@ -32,8 +32,7 @@ from beltid.store.disk import MAX_BYTES
 from beltid.tables.schemas import RECORDINGS, table
 from beltid.tables.units import canonical_unit, is_known_unit
 
-Piece = tuple[int, int, int]
-"""Begin and end of some lines of a text, and their number."""
+Piece = tuple[int, int, int]  # begin and end of some lines of a text, and their number
 SEARCHED: Final = 400  # rows searched for a header below title lines
 MAX_COLUMNS: Final = 2000
 SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
@@ -166,10 +165,13 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     between = separator, signs.decimal, quote
     if is_as_written:
         body.clear()  # the file has them
-    fetch = lambda begin, end: body[begin:end] or _part(path, above + begin, end - begin)  # noqa: E731
+    fetch = lambda begin, end: (  # noqa: E731
+        np.frombuffer(body, np.uint8, end - begin, begin)
+        if body
+        else np.fromfile(path, np.uint8, end - begin, offset=above + begin)
+    )
     read = _by_arrow(fetch, pieces, names, plain, between)
-    if read is None and plain:  # a cell may be no number
-        read = _by_arrow(fetch, pieces, names, (), between)
+    read = read or _by_arrow(fetch, pieces, names, (), between)  # a cell may be no number
     if read is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
     (frame, lines, misfits), first = read, head.first_row + 1
@@ -290,13 +292,6 @@ def _signs(
     return signs
 
 
-def _part(path: Path, begin: int, length: int) -> bytes:
-    """Read some bytes of a file."""
-    with path.open("rb") as file:
-        file.seek(begin)
-        return file.read(length)
-
-
 def _pieces(body: bytearray) -> list[Piece]:
     """Cut a text into pieces of whole lines, none of which leaves quotation marks open."""
     pieces, begin = list[Piece](), 0
@@ -311,7 +306,7 @@ def _pieces(body: bytearray) -> list[Piece]:
 
 
 def _by_arrow(
-    fetch: Callable[[int, int], bytes | bytearray],
+    fetch: Callable[[int, int], np.ndarray],
     pieces: Sequence[Piece],
     names: Sequence[str],
     numeric: Collection[str],  # the others are texts
@@ -358,7 +353,7 @@ def _by_arrow(
 
 
 def _rows_of(
-    piece: bytes | bytearray,
+    piece: np.ndarray,
     n: int,  # of its lines
     parse: Mapping[str, Any],
     read: pa_csv.ReadOptions,
@@ -371,7 +366,7 @@ def _rows_of(
     table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
     if len(table) == n:
         return table, np.arange(n), []
-    ends = np.flatnonzero(np.frombuffer(piece, np.uint8) == ord("\n"))
+    ends = np.flatnonzero(piece == ord("\n"))
     lines = np.flatnonzero(np.diff(ends, prepend=-1) > 1)
     rows = [row.number - 1 for row in misfits]
     if len(table) + len(rows) != len(lines):

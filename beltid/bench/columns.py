@@ -18,11 +18,10 @@ from beltid.tables.schemas import SETTINGS, Column
 from beltid.tables.units import CONVERSIONS, Conversion, canonical_unit
 from beltid.tables.values import absent, is_missing, shown_value
 
-MASTERS: Final = (
+MASTERS: Final = (  # channels that determine the result; the first one gives the time
     *("force_N", "displacement_mm", "driver_speed_rad_s", "driven_speed_rad_s"),
     *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
 )
-"""Channels that determine the result; the first one gives the time."""
 MIN_OVERLAP: Final = 5  # fewest samples of the master in the time that all channels share
 
 
@@ -65,11 +64,11 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         mapping.refuse_missing(channels, found, needs, raw.head, stated)
     if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
-    rows: np.ndarray | None
-    if times:
-        columns, rows = _aligned(found, times, first, needs, notes)
-    else:
-        columns, rows = _filled({r: values_of(match, needs, clock) for r, match in found.items()})
+    columns, rows = (
+        _aligned(found, times, first, needs, notes)
+        if times
+        else _filled({r: values_of(match, needs, clock) for r, match in found.items()})
+    )
     notes += mapping.notes_of(found, needs.table, channels)
     for raw in raws:
         problems.take(raw.problems)
@@ -210,14 +209,10 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     """Read the table of runs: name of a file or group -> the values in its row."""
     if of.run_table is None:
         return {}
-    path, columns = (
-        of.run_table,
-        [Column("file", "string", "", "name of the file, or of the group")],
-    )
-    for column in of.table.columns:
-        if column.name in (*SETTINGS, of.table.label):
-            columns.append(replace(column, required=False))
-    needs = Needs(replace(of.table, columns=tuple(columns)))
+    told = [c for c in of.table.columns if c.name in (*SETTINGS, of.table.label)]
+    file = Column("file", "string", "", "name of the file, or of the group")
+    columns = (file, *(replace(column, required=False) for column in told))
+    needs, path = Needs(replace(of.table, columns=columns)), of.run_table
     part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
@@ -234,8 +229,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
 
 # --- rasters -------------------------------------------------------------------------------------
 
-Times = dict[int, tuple[Found, np.ndarray]]
-"""Table of a raster -> the channel with its times, and these in seconds."""
+Times = dict[int, tuple[Found, np.ndarray]]  # table of a raster -> channel of its times, these [s]
 
 
 def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:

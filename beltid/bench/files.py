@@ -48,10 +48,9 @@ class Source:
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
         path, form = self.path, "zip" if self.member else format_of(self.path)
-        is_packed = form in ("gzip", "zip")
-        packed = tempfile.TemporaryDirectory(prefix="beltid-") if is_packed else None
-        with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
-            if is_packed:
+        with contextlib.ExitStack() as held:
+            if is_packed := form in ("gzip", "zip"):
+                folder = held.enter_context(tempfile.TemporaryDirectory(prefix="beltid-"))
                 path = Path(folder) / "recording"
                 self._unpack(path)
                 form = format_of(path)

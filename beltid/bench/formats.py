@@ -23,23 +23,21 @@ from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 from beltid.tables.units import CONVERSIONS, T, conversion
 
-SCALING: Final = {
+SCALING: Final = {  # properties that scale counts of a converter -> the value without effect
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
     **dict.fromkeys(("offset", "intercept", "y_intercept", "bias", "add_offset"), 0.0),
     "scale_factor": 1.0,
 }
-"""Properties that scale the counts of a converter -> the value that has no effect."""
 TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
 Variables = Mapping[str, "Written | Variables"]
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
 """The header line that names the separator, which is written with the separator itself."""
-_TECHNICAL: Final = re.compile(
+_TECHNICAL: Final = re.compile(  # header keys that describe the format, not the measurement
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )
-"""Header keys that describe the format, not the measurement."""
 Header = dict[str, list[str]]
 
 
@@ -225,9 +223,8 @@ def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> W
             f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
             "and spaced unevenly, export them as text"
         )
-    times = np.asarray(record["x"], dtype=float)
-    if record["abscissa_spacing"]:
-        times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+    even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+    times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
     name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
     seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
     return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
@@ -293,9 +290,8 @@ def _segment(
     own = Raw(place, cells, lines=range(at + 2, end + 1))
     columns = [numbers_of(cells[i], signs, name, own.at, problems) for i, name in enumerate(names)]
     kind = _cell(header, "X_Columns").lower() or "one"
-    pairs = [(0, i) for i in range(1, len(names))]
-    if kind == "multi":
-        pairs = [(i, i + 1) for i in range(0, len(names) - 1, 2)]
+    is_multi, last = kind == "multi", len(names) - 1
+    pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
@@ -383,9 +379,8 @@ def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
     """Read HDF5 or a MATLAB file of version 7.3; links, which may leave the file, are refused."""
     import h5py
 
-    with path.open("rb") as stream:
-        form = "MATLAB, version 7.3" if stream.read(10) == b"MATLAB 7.3" else "HDF5"
     with h5py.File(path, "r") as file:
+        form = "MATLAB, version 7.3" if file.userblock_size else "HDF5"
         yield from _tables(_group(file, place), place, form)
 
 

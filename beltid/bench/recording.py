@@ -42,12 +42,11 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
-_UNIT_WORDS: Final = {
+_UNIT_WORDS: Final = {  # setting -> how its unit is written behind a number in the name of a file
     "arc_deg": r"(?i:deg|grad|°)",
     "initial_tension_N": r"[Nn]",
     "temperature_degC": r"(?:C|degC|°C)",
 }
-"""Setting -> how its unit is written behind a number in the name of a file."""
 GAP: Final = 3.0  # steps of time over which samples are missing
 
 
@@ -118,7 +117,7 @@ def of_bench(raws: Sequence[Raw], needs: Needs) -> Needs:
 
 def _are_plateaus(found: Mapping[str, Sequence[Found]]) -> bool:
     """Return whether a table has a row per plateau: a speed, an arc or mu, no label repeated."""
-    labels = [match.channel.values for match in found.get("run", ())]
+    labels = (match.channel.values for match in found.get("run", ()))
     repeated = any(2 * column.nunique() < len(column) for column in labels)
     has_speed = bool({"pulley_speed_rad_s", "slip_speed_m_s"} & {*found})
     return has_speed and bool({"arc_deg", "mu"} & {*found}) and not repeated
@@ -145,8 +144,8 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-        problems.add(f"{source.name}: {what}")
+        what = f"damaged, not of this format, or not to be read here: {type(error).__name__}"
+        problems.add(f"{source.name}: {what}: {error}")
     return []
 
 
@@ -173,8 +172,7 @@ def recording_of(parts: Sequence[Part], path: Path, needs: Needs) -> Recording:
     """Join the parts of a recording and check it; InputError with all errors."""
     needs.problems.raise_if_any()
     columns, place, notes, stated = joined(parts, needs)
-    checker = Checker(str(path), columns, place, needs)
-    notes += checker.run({*needs.units, *stated})
+    notes += Checker(str(path), columns, place, needs).run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
     rig = dict(needs.rig)
@@ -194,8 +192,8 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     artifact = read_artifact(path, "simulated" if kind == "rig" else None)
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
-    names = [name for name in schemas.rig_table().names if name in artifact.columns]
-    columns = {name: artifact.columns[name] for name in names}
+    held = artifact.columns
+    columns = {name: held[name] for name in schemas.rig_table().names if name in held}
     return Recording(kind, columns, path, is_artifact=True)
 
 
@@ -305,18 +303,17 @@ def inspect_recording(
     try:
         recording = read_recording(path, kind, config)
     except InputError as error:
-        found: dict[str, Found] = {}
-        for table in tables:
-            found = mapped(channels_of([table]), needs, "") | found
+        every = [mapped(channels_of([table]), needs, "") for table in tables]
+        found = {role: match for of in reversed(every) for role, match in of.items()}
         return replace(seen, found=found, problems=error.problems)
-    rig, found, problems = dict(recording.rig), recording.found, tuple[str, ...]()
+    rig, found, problems = recording.rig, recording.found, tuple[str, ...]()
     spans = {"tension_tight_N", "tension_slack_N"} & {*found}
     if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
         ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
         problems = (f"{path}: a weight beside a torque: {ask}",)
-    rig, runs = {"holds": rig["holds"]} if "holds" in rig else {}, runs_found(recording)
-    notes = recording.notes
-    return replace(seen, found=found, runs=runs, notes=notes, problems=problems, rig=rig)
+    seen = replace(seen, rig={name: word for name, word in rig.items() if name == "holds"})
+    runs, notes = runs_found(recording), recording.notes
+    return replace(seen, found=found, runs=runs, notes=notes, problems=problems)
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
@@ -344,9 +341,8 @@ def ranges(channel: Channel) -> dict[str, float]:
     """Return rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
     if is_text(values):
-        is_number = not channel.written
-        numbers: Any = numbers_of(values, raw.signs, "", raw.at, Problems()) if is_number else []
-        values = pd.Series(numbers, dtype=float)
+        values = values[:0] if channel.written else values  # times are no numbers
+        values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {
         "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,

@@ -19,12 +19,10 @@ from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
 
-RESTART: Final = 0.05
-"""A new run begins when time falls back into the first part, this share, of the run before."""
+RESTART: Final = 0.05  # share of the run before, into which time falls back in a new run
 MIN_SAMPLES: Final = 10
 PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
-OTHER_RUN: Final = 100.0
-"""Least ratio of the largest run to a run in another unit; benches vary their load far less."""
+OTHER_RUN: Final = 100.0  # least ratio of the largest run to one in another unit
 TRUTHS: Final = {"1": "true", "yes": "true", "ja": "true", "oui": "true"} | dict.fromkeys(
     ("0", "no", "nein", "non"), "false"
 )
@@ -132,18 +130,16 @@ def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
-    labels, n = np.full(len(time), label, dtype=object), len(bounds) - 1
-    for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        if n > 1:
-            labels[first:end] = f"{label}-{k}"
-        speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if _rotations(speed[np.isfinite(speed)]) > 1:
-            stops = f"in run {labels[first]} the pulley turns several times with stops between"
+    names = [f"{label}-{k}" for k in range(1, len(bounds))] if len(bounds) > 2 else [label]
+    speed = columns.get("pulley_speed_rad_s", time[:0])
+    for name, (first, end) in zip(names, itertools.pairwise(bounds), strict=True):
+        if _rotations(speed[first:end][np.isfinite(speed[first:end])]) > 1:
+            stops = f"in run {name} the pulley turns several times with stops between"
             problems.add(f"{part.raw.place}: {stops}: add a column of labels")
-    if n > 1:
+    if len(names) > 1:
         how = "separated by changes of the settings and by restarts of the time"
-        part.notes.append(f"no column labels the runs: {n} {how}")
-    return labels
+        part.notes.append(f"no column labels the runs: {len(names)} {how}")
+    return np.array(names, dtype=object).repeat(np.diff(bounds))
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
