@@ -44,12 +44,13 @@ TOP: Final = 1 << 18  # bytes in which the header is searched
 BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
+# Blanks that do not separate cells
+_WHOLE: Final = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
-"""Blanks that do not separate cells."""
+# Names by which an export of testXpert is known
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
-"""Names by which an export of testXpert is known."""
+# A formula without a value in the XML of a sheet
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
-"""A formula without a value in the XML of a sheet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,12 +160,10 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
-    is_as_written = body is written and separator != " " and body.endswith(b"\n")
-    body += b"" if body.endswith(b"\n") else b"\n"
-    pieces, quote = _pieces(body), '"' if b'"' in body else False
-    between = separator, signs.decimal, quote
-    if is_as_written:
-        body.clear()  # the file has them
+    body = body if body.endswith(b"\n") else body + b"\n"
+    pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
+    if body is written:
+        body.clear()  # the file has it
     fetch = lambda begin, end: (  # noqa: E731
         np.frombuffer(body, np.uint8, end - begin, begin)
         if body
@@ -201,7 +200,8 @@ def _top(data: bytearray, place: str) -> list[str]:
     end = data.find(b"\n", TOP) + 1 or len(data)
     top = data[:end].removesuffix(b"\n").split(b"\n")
     for number, line in enumerate(top, start=1):
-        cells = max(line.count(sign.encode()) for sign in SEPARATORS[:4]) + 1
+        signs = SEPARATORS[:4] if len(line) >= MAX_COLUMNS else ()
+        cells = max((line.count(sign.encode()) for sign in signs), default=0) + 1
         if cells > MAX_COLUMNS or len(line) > LONGEST_LINE:
             raise InputError(f"{place}:{number}: {cells} columns, must be at most {MAX_COLUMNS}")
     return [line.decode() for line in top]
@@ -215,19 +215,21 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         raise InputError(f"{place}: is empty: it holds no header in {len(top)} lines")
     first = filled[0]
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
-    rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
+    lines, starts = top[: first + SEARCHED], {s: cells_of(top[first], s) for s in separators}
     if names := dialect.names:
-        sign = max(rows, key=lambda sign: (len(rows[sign][first]) == len(names), sign != " "))
-        if (count := len(rows[sign][first])) != len(names):
+        sign = max(starts, key=lambda sign: (len(starts[sign]) == len(names), sign != " "))
+        if (count := len(starts[sign])) != len(names):
             stated = f"dialect.names states {len(names)} names"
             raise InputError(f"{place}:{first + 1}: {count} cells, but {stated}")
-        head = head_at([*rows[sign][:first], list(names), *rows[sign][first:]], first)
+        cells = [cells_of(line, sign) for line in lines]
+        head = head_at([*cells[:first], list(names), *cells[first:]], first)
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
-    ours = {sign: len(OURS & {*rows[sign][first]}) for sign in rows}
-    own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
+    ours = {sign: len(OURS & {*cells}) for sign, cells in starts.items()}
+    own = max(starts, key=lambda sign: (ours[sign], sign != " ", len(starts[sign])))
     if ours[own] > 1:
-        return head_at(rows[own], first), own
+        return head_at([cells_of(line, own) for line in lines], first), own
+    rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
     for signs in ([s for s in rows if s != " "], [s for s in rows if s == " "]):
         found = [(above, s) for s in signs if (above := find_head(rows[s]))]
         fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
@@ -281,7 +283,7 @@ def _signs(
     is_open = decimal is thousands is None and signs == NumberSigns()
     for name, column in columns.items() if is_open else ():
         # numbers that write 950 without decimals drop zeros, so they would write 1.25, not 1.250
-        whole = [c for c in column if re.fullmatch(r"[-+]?[1-9]\d\d", c, re.ASCII)]
+        whole = [c for c in column if _WHOLE.fullmatch(c)]
         pointed = [c for c in column if "." in c]
         rounded = [c for c in pointed if c.endswith("0")]
         if whole and rounded and all(map(GROUPED.fullmatch, pointed)):
@@ -319,7 +321,6 @@ def _by_arrow(
     """
     words = pa.dictionary(pa.int32(), pa.large_string())
     types = {name: pa.float64() if name in numeric else words for name in names if name}
-    parse = {"delimiter": signs[0], "quote_char": signs[2]}
     read = pa_csv.ReadOptions(column_names=names, block_size=1 << 30, use_threads=False)
     convert = pa_csv.ConvertOptions(
         column_types=types,
@@ -331,9 +332,9 @@ def _by_arrow(
     count, at, above = sum(n for _, _, n in pieces), 0, 0
     lines, misfits = np.empty(count, np.int32), list[tuple[int, int]]()
     columns: dict[str, Any] = {name: np.empty(count) if name in numeric else [] for name in types}
-    work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], parse, read, convert)  # noqa: E731
+    work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], signs, read, convert)  # noqa: E731
     try:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
             for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
                 span = slice(at, at + len(table))
                 for name, values in zip(types, table.columns, strict=True):
@@ -346,23 +347,27 @@ def _by_arrow(
                 at, above = span.stop, above + n
     except (pa.ArrowException, ValueError):
         return None
-    for name, held in columns.items():
-        is_text = types[name] == words
-        columns[name] = pa.chunked_array(held, words).to_pandas() if is_text else held[:at]
-    return pd.DataFrame(columns, copy=False), lines[:at], misfits
+    whole = {
+        name: held[:at] if name in numeric else pa.chunked_array(held, words).to_pandas()
+        for name, held in columns.items()
+    }
+    return pd.DataFrame(whole, copy=False), lines[:at], misfits
 
 
 def _rows_of(
     piece: np.ndarray,
     n: int,  # of its lines
-    parse: Mapping[str, Any],
+    signs: tuple[str, str, str | bool],
     read: pa_csv.ReadOptions,
     convert: pa_csv.ConvertOptions,
 ) -> tuple[pa.Table, np.ndarray, list[tuple[int, int]]]:
     """Read some lines: the rows, their lines, and line and width of those of another width."""
     misfits: list[Any] = []
-    handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]  # noqa: E731
-    options = pa_csv.ParseOptions(**parse, invalid_row_handler=handler)
+    options = pa_csv.ParseOptions(
+        delimiter=signs[0],
+        quote_char=signs[2],
+        invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
+    )
     table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
     if len(table) == n:
         return table, np.arange(n), []
@@ -371,9 +376,9 @@ def _rows_of(
     rows = [row.number - 1 for row in misfits]
     if len(table) + len(rows) != len(lines):
         raise ValueError("a line break stands in quotation marks")
-    is_told = [not re.match(r"\s*(?:#|$)", row.text) for row in misfits]
-    told = [(int(lines[k]), row.actual_columns) for k, row in zip(rows, misfits, strict=True)]
-    return table, np.delete(lines, rows), [*itertools.compress(told, is_told)]
+    told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
+    widths = [(int(lines[row.number - 1]), row.actual_columns) for row in told]
+    return table, np.delete(lines, rows), widths
 
 
 # --- workbooks ------------------------------------------------------------------------------------
@@ -392,8 +397,7 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             is_shown = sheet.sheet_state == "visible"
-            written = sheet.iter_rows(values_only=True) if is_shown else ()
-            rows = [_trimmed(row, place) for row in written]
+            rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True) if is_shown]
             table = _table(place, sheet.title, rows)
             if table is not None:
                 found.append(table)

@@ -99,8 +99,8 @@ def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
         before = before[~absent(before)]
         differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
         if np.any(differ):
-            replaced = f"{shown_value(before[differ][0])} in the recording"
-            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
+            told = f"{shown_value(value)} as stated replaces {shown_value(before[differ][0])}"
+            part.notes.append(f"{role} = {told} in the recording")
         part.columns[role] = values
 
 
@@ -177,8 +177,7 @@ def _of_head(
     """Return a setting from the fields of the head that the config names, or of known names."""
     silent, values = replace(needs, problems=Problems()), dict[str, Any]()
     for match in matches:
-        read = resolved([match], silent, "") or match
-        values[match.channel.name] = values_of(read, silent)[0]
+        values[match.channel.name] = values_of(resolved([match], silent, "") or match, silent)[0]
     role, name = matches[0].role, matches[0].channel.name
     recognised = matches[0].how == "recognised"
     wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]

@@ -32,8 +32,8 @@ TIME: Final = "time_s"  # name of the times of samples, if a format has them bes
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
 Variables = Mapping[str, "Written | Variables"]
+# The header line that names the separator, which is written with the separator itself
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
-"""The header line that names the separator, which is written with the separator itself."""
 _TECHNICAL: Final = re.compile(  # header keys that describe the format, not the measurement
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
@@ -237,8 +237,7 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
     data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect.encoding)
     text = data.decode()
-    found = _SEPARATOR.search(text, 0, 10_000)
-    sign = found[1] if found else "\t"
+    sign = stated[1] if (stated := _SEPARATOR.search(text, 0, 10_000)) else "\t"
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
     problems, parts, end = Problems(), list[tuple[Raw, float]](), 0

@@ -24,17 +24,17 @@ from beltid.tables import schemas
 from beltid.tables.units import canonical_unit, is_known_unit
 
 LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
+# Units that none of our columns has, but that occur in a row of units
 _NUMERIC: Final = (types.is_null, types.is_decimal, types.is_integer, types.is_floating)
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among those of its name
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
-"""Units that none of our columns has, but that occur in a row of units."""
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 """Brackets at the end of a name, which may hold its unit."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+# Prefix that a recorder puts before the name of a channel
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
-"""Prefix that a recorder puts before the name of a channel."""
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 

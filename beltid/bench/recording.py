@@ -197,17 +197,18 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     return Recording(kind, columns, path, is_artifact=True)
 
 
-def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
-    """Return columns in our names and units as a DataFrame, marked as such, its notes in attrs."""
-    frame = pd.DataFrame({name: _words(x) for name, x in columns.items()}, copy=False)
+def as_frame(columns: dict[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
+    """Move columns in our names and units to a DataFrame, marked as such, its notes in attrs."""
+    frame = pd.DataFrame({name: _series(columns.pop(name)) for name in [*columns]}, copy=False)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame
 
 
-def _words(values: np.ndarray) -> Any:
-    """Return labels as a column of pandas, as it makes of them; numbers as they are."""
+def _series(values: np.ndarray) -> Any:
+    """Return a column that can be written to: labels as pandas makes of them, or numbers."""
     codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
-    return pd.array(words, dtype="str").take(codes, allow_fill=True) if len(words) else values
+    is_text, numbers = len(words) > 0, np.require(values, requirements="W")
+    return pd.array(words, dtype="str").take(codes, allow_fill=True) if is_text else numbers
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:

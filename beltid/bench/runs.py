@@ -248,8 +248,7 @@ class Checker:
         codes, cells = self.codes[heads], values[heads]
         nothing = None if values.dtype == object else np.nan
         first = np.full(self.codes.max() + 2, nothing, values.dtype)
-        runs, begins = np.unique(codes, return_index=True)
-        first[runs] = cells[begins]
+        first[codes[::-1]] = cells[::-1]  # the first one is written last
         rows = np.flatnonzero(cells != first[codes])
         if values.dtype != object:
             rows = rows[~np.isclose(cells[rows], first[codes[rows]], rtol=1e-6, atol=0.0)]
