@@ -9,9 +9,11 @@ from __future__ import annotations
 import csv
 import datetime
 import itertools
+import os
 import re
 import zipfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +32,7 @@ from beltid.store.disk import MAX_BYTES
 from beltid.tables.schemas import RECORDINGS, table
 from beltid.tables.units import canonical_unit, is_known_unit
 
+Piece = tuple[int, int, int]  # begin and end of some lines of a text, and their number
 SEARCHED: Final = 400  # rows searched for a header below title lines
 MAX_COLUMNS: Final = 2000
 SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
@@ -38,15 +41,16 @@ SEPARATORS: Final = (",", ";", "\t", "|", " ")
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
 """Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18  # bytes in which the header is searched
-BLOCK: Final = 4 << 20  # bytes that Arrow reads at a time
+BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
+# Blanks that do not separate cells
+_WHOLE: Final = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
-"""Blanks that do not separate cells."""
+# Names by which an export of testXpert is known
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
-"""Names by which an export of testXpert is known."""
+# A formula without a value in the XML of a sheet
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
-"""A formula without a value in the XML of a sheet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,16 +135,17 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
 
 def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
-    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    written = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
-        file.readinto(body)
-    body, encoding, notes = as_utf8(body, place, dialect.encoding)
+        file.readinto(written)
+    body, encoding, notes = as_utf8(written, place, dialect.encoding)
     top = _top(body, place)
     kept = ["" if i < dialect.skip_lines else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect)
     if separator != "," and not dialect.separator:
         notes.append(f"separator {separator!r} found in the header")
-    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    above = sum(len(line.encode()) + 1 for line in top[: head.first_row])
+    del body[:above]
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -155,19 +160,24 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
-    misfits = list[Any]()
-    lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
-    frame = _by_arrow(body, names, plain, written, len(lines), misfits)
-    if frame is None and plain:  # a cell may be no number
-        frame = _by_arrow(body, names, (), written, len(lines), misfits)
-    if frame is None:
+    body = body if body.endswith(b"\n") else body + b"\n"
+    pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
+    if body is written:
+        body.clear()  # the file has it
+    fetch = lambda begin, end: (  # noqa: E731
+        np.frombuffer(body, np.uint8, end - begin, begin)
+        if body
+        else np.fromfile(path, np.uint8, end - begin, offset=above + begin)
+    )
+    read = _by_arrow(fetch, pieces, names, plain, between)
+    read = read or _by_arrow(fetch, pieces, names, (), between)  # a cell may be no number
+    if read is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    rows = [row.number - 1 for row in misfits]
-    told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
+    (frame, lines, misfits), first = read, head.first_row + 1
     problems.add_alike(
-        range(len(told)),
-        lambda i: f"{told[i].actual_columns} cells, must be {len(names)}",
-        lambda i: (f"{place}:{lines[told[i].number - 1]}", int(lines[told[i].number - 1])),
+        range(len(misfits)),
+        lambda i: f"{misfits[i][1]} cells, must be {len(names)}",
+        lambda i: (f"{place}:{first + misfits[i][0]}", first + misfits[i][0]),
     )
     yield Raw(
         place,
@@ -175,7 +185,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         format="Zwick testXpert text" if _ZWICK.search("\n".join(top[:60])) else "CSV",
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
-        lines=np.delete(lines, rows) if rows else lines,
+        lines=lines + first,
         header_line=head.row + 1,
         units_line=head.units_row + 1,
         signs=signs,
@@ -190,7 +200,8 @@ def _top(data: bytearray, place: str) -> list[str]:
     end = data.find(b"\n", TOP) + 1 or len(data)
     top = data[:end].removesuffix(b"\n").split(b"\n")
     for number, line in enumerate(top, start=1):
-        cells = max(line.count(sign.encode()) for sign in SEPARATORS[:4]) + 1
+        signs = SEPARATORS[:4] if len(line) >= MAX_COLUMNS else ()
+        cells = max((line.count(sign.encode()) for sign in signs), default=0) + 1
         if cells > MAX_COLUMNS or len(line) > LONGEST_LINE:
             raise InputError(f"{place}:{number}: {cells} columns, must be at most {MAX_COLUMNS}")
     return [line.decode() for line in top]
@@ -204,19 +215,21 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         raise InputError(f"{place}: is empty: it holds no header in {len(top)} lines")
     first = filled[0]
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
-    rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
+    lines, starts = top[: first + SEARCHED], {s: cells_of(top[first], s) for s in separators}
     if names := dialect.names:
-        sign = max(rows, key=lambda sign: (len(rows[sign][first]) == len(names), sign != " "))
-        if (count := len(rows[sign][first])) != len(names):
+        sign = max(starts, key=lambda sign: (len(starts[sign]) == len(names), sign != " "))
+        if (count := len(starts[sign])) != len(names):
             stated = f"dialect.names states {len(names)} names"
             raise InputError(f"{place}:{first + 1}: {count} cells, but {stated}")
-        head = head_at([*rows[sign][:first], list(names), *rows[sign][first:]], first)
+        cells = [cells_of(line, sign) for line in lines]
+        head = head_at([*cells[:first], list(names), *cells[first:]], first)
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
-    ours = {sign: len(OURS & {*rows[sign][first]}) for sign in rows}
-    own = max(rows, key=lambda sign: (ours[sign], sign != " ", len(rows[sign][first])))
+    ours = {sign: len(OURS & {*cells}) for sign, cells in starts.items()}
+    own = max(starts, key=lambda sign: (ours[sign], sign != " ", len(starts[sign])))
     if ours[own] > 1:
-        return head_at(rows[own], first), own
+        return head_at([cells_of(line, own) for line in lines], first), own
+    rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
     for signs in ([s for s in rows if s != " "], [s for s in rows if s == " "]):
         found = [(above, s) for s in signs if (above := find_head(rows[s]))]
         fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
@@ -270,7 +283,7 @@ def _signs(
     is_open = decimal is thousands is None and signs == NumberSigns()
     for name, column in columns.items() if is_open else ():
         # numbers that write 950 without decimals drop zeros, so they would write 1.25, not 1.250
-        whole = [c for c in column if re.fullmatch(r"[-+]?[1-9]\d\d", c, re.ASCII)]
+        whole = [c for c in column if _WHOLE.fullmatch(c)]
         pointed = [c for c in column if "." in c]
         rounded = [c for c in pointed if c.endswith("0")]
         if whole and rounded and all(map(GROUPED.fullmatch, pointed)):
@@ -281,38 +294,34 @@ def _signs(
     return signs
 
 
-def _lines(body: bytearray, first_line: int) -> Sequence[int] | np.ndarray:
-    """Return the line of every row that is not blank."""
-    if b"\n\n" not in body and body[:1] != b"\n":
-        return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
-    ends = np.flatnonzero(np.frombuffer(body, np.uint8) == ord("\n"))
-    if not body.endswith(b"\n"):
-        ends = np.append(ends, len(body))
-    return np.flatnonzero(np.diff(ends, prepend=-1) > 1) + first_line
+def _pieces(body: bytearray) -> list[Piece]:
+    """Cut a text into pieces of whole lines, none of which leaves quotation marks open."""
+    pieces, begin = list[Piece](), 0
+    while begin < len(body):
+        end = body.rfind(b"\n", begin, begin + BLOCK) + 1 or body.find(b"\n", begin) + 1
+        while body.count(b'"', body.rfind(b"\n", begin, end - 1) + 1, end) % 2 and end < len(body):
+            end = body.find(b"\n", end) + 1
+        ends = np.frombuffer(body, np.uint8, end - begin, begin) == ord("\n")
+        pieces.append((begin, end, int(np.count_nonzero(ends))))
+        begin = end
+    return pieces
 
 
 def _by_arrow(
-    body: bytearray,
+    fetch: Callable[[int, int], np.ndarray],
+    pieces: Sequence[Piece],
     names: Sequence[str],
     numeric: Collection[str],  # the others are texts
-    signs: tuple[str, str],  # between cells, of decimals
-    n_rows: int,
-    misfits: list[Any],
-) -> pd.DataFrame | None:
-    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
-    misfits.clear()
-    keys = {f"c{i}": name for i, name in enumerate(names)}
-    types = {k: pa.float64() if n in numeric else pa.large_string() for k, n in keys.items() if n}
-    texts: dict[str, list[Any]] = {
-        key: [] for key, kind in types.items() if kind == pa.large_string()
-    }
-    columns: dict[str, Any] = {name: np.empty(n_rows) for name in names if name in numeric}
-    parse = pa_csv.ParseOptions(
-        delimiter=signs[0],
-        quote_char='"' if b'"' in body else False,
-        invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
-    )
-    read = pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK, use_threads=False)
+    signs: tuple[str, str, str | bool],  # between cells, of decimals, around cells
+) -> tuple[pd.DataFrame, np.ndarray, list[tuple[int, int]]] | None:
+    """Read the columns with Arrow, the lines of the rows and those of another width, from 0.
+
+    None if a cell is not as expected. Threads read the pieces of the text, so that memory holds
+    the numbers once; texts that repeat are held once, too.
+    """
+    words = pa.dictionary(pa.int32(), pa.large_string())
+    types = {name: pa.float64() if name in numeric else words for name in names if name}
+    read = pa_csv.ReadOptions(column_names=names, block_size=1 << 30, use_threads=False)
     convert = pa_csv.ConvertOptions(
         column_types=types,
         include_columns=list(types),
@@ -320,23 +329,56 @@ def _by_arrow(
         strings_can_be_null=True,
         decimal_point=signs[1],
     )
-    at = 0
-    try:  # block by block, so that memory holds the numbers once
-        for batch in pa_csv.open_csv(pa.BufferReader(body), read, parse, convert):
-            for key in types:
-                values = batch.column(key)
-                if key in texts:
-                    texts[key].append(values)
-                else:
-                    columns[keys[key]][at : at + len(values)] = values.to_numpy(False)
-            at += batch.num_rows
+    count, at, above = sum(n for _, _, n in pieces), 0, 0
+    lines, misfits = np.empty(count, np.int32), list[tuple[int, int]]()
+    columns: dict[str, Any] = {name: np.empty(count) if name in numeric else [] for name in types}
+    work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], signs, read, convert)  # noqa: E731
+    try:
+        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
+            for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
+                span = slice(at, at + len(table))
+                for name, values in zip(types, table.columns, strict=True):
+                    if name in numeric:
+                        columns[name][span] = values.to_numpy()
+                    else:
+                        columns[name] += values.chunks
+                lines[span] = own + above
+                misfits += [(line + above, width) for line, width in wrong]
+                at, above = span.stop, above + n
     except (pa.ArrowException, ValueError):
         return None
-    if at + len(misfits) != n_rows:
-        return None
-    for key, cells in texts.items():
-        columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.large_string()), dtype="str")
-    return pd.DataFrame({name: columns[name][:at] for name in names if name}, copy=False)
+    whole = {
+        name: held[:at] if name in numeric else pa.chunked_array(held, words).to_pandas()
+        for name, held in columns.items()
+    }
+    return pd.DataFrame(whole, copy=False), lines[:at], misfits
+
+
+def _rows_of(
+    piece: np.ndarray,
+    n: int,  # of its lines
+    signs: tuple[str, str, str | bool],
+    read: pa_csv.ReadOptions,
+    convert: pa_csv.ConvertOptions,
+) -> tuple[pa.Table, np.ndarray, list[tuple[int, int]]]:
+    """Read some lines: the rows, their lines, and line and width of those of another width."""
+    misfits: list[Any] = []
+    options = pa_csv.ParseOptions(
+        delimiter=signs[0],
+        quote_char=signs[2],
+        invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
+    )
+    table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
+    if len(table) == n:
+        return table, np.arange(n), []
+    ends = np.flatnonzero(piece == ord("\n"))
+    lines = np.flatnonzero(np.diff(ends, prepend=-1) > 1)
+    rows = [row.number - 1 for row in misfits]
+    if len(table) + len(rows) != len(lines):
+        raise ValueError("a line break stands in quotation marks")
+    told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
+    widths = [(int(lines[row.number - 1]), row.actual_columns) for row in told]
+    return table, np.delete(lines, rows), widths
 
 
 # --- workbooks ------------------------------------------------------------------------------------
@@ -355,8 +397,7 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             is_shown = sheet.sheet_state == "visible"
-            written = sheet.iter_rows(values_only=True) if is_shown else ()
-            rows = [_trimmed(row, place) for row in written]
+            rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True) if is_shown]
             table = _table(place, sheet.title, rows)
             if table is not None:
                 found.append(table)

@@ -7,34 +7,21 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 
-from beltid.bench import cells
-from beltid.bench.mapping import (
-    Found,
-    Needs,
-    channels_of,
-    channels_of_head,
-    lacking,
-    mapped,
-    meant,
-    notes_of,
-    refuse_missing,
-    resolved,
-)
+from beltid.bench import cells, mapping
+from beltid.bench.mapping import Found, Needs, channels_of, meant, resolved
 from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
-from beltid.bench.raw import Field, Raw, is_text
+from beltid.bench.raw import Field, Raw, codes_of, is_text
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import Problems
 from beltid.tables.schemas import SETTINGS, Column
 from beltid.tables.units import CONVERSIONS, Conversion, canonical_unit
 from beltid.tables.values import absent, is_missing, shown_value
 
-MASTERS: Final = (
+MASTERS: Final = (  # channels that determine the result; the first one gives the time
     *("force_N", "displacement_mm", "driver_speed_rad_s", "driven_speed_rad_s"),
     *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
 )
-"""Channels that determine the result; the first one gives the time."""
 MIN_OVERLAP: Final = 5  # fewest samples of the master in the time that all channels share
 
 
@@ -66,22 +53,23 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     raws = [raw for raw in raws if id(raw) in times] or raws[:1]
     channels = [c for c in channels if id(c.raw) in {*map(id, raws)}]
     raw, notes = raws[0], [*dict.fromkeys(note for raw in raws for note in raw.notes)]
-    found = mapped(channels, needs, f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head)
+    place = f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head
+    found = mapping.mapped(channels, needs, place)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
     if is_mapped:
-        refuse_missing(channels, found, needs, raw.head, stated)
-    if not is_mapped or lacking(needs.table, {*found, *stated}):
+        mapping.refuse_missing(channels, found, needs, raw.head, stated)
+    if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
-    rows: np.ndarray | None
-    if times:
-        columns, rows = _aligned(found, times, first, needs, notes)
-    else:
-        columns, rows = _filled({r: values_of(match, needs, clock) for r, match in found.items()})
-    notes += notes_of(found, needs.table, channels)
+    columns, rows = (
+        _aligned(found, times, first, needs, notes)
+        if times
+        else _filled({r: values_of(match, needs, clock) for r, match in found.items()})
+    )
+    notes += mapping.notes_of(found, needs.table, channels)
     for raw in raws:
         problems.take(raw.problems)
         for name in [*raw.frame]:
@@ -89,8 +77,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     part = Part(first, columns, found, names, notes, rows)
     if clock.first:
         labels = columns.get(needs.table.label, np.zeros(len(part)))
-        codes = np.asarray(pd.factorize(labels)[0])
-        columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at)
+        columns["time_s"] = clock.elapsed(columns["time_s"], codes_of(labels)[0], part.at)
         notes.append(clock.note)
     _fill(part, stated, needs)
     return part
@@ -99,8 +86,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
 def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
     """Fill columns of a run with stated values; note what they replace."""
     label = needs.table.label
-    labels = {*part.columns.get(label, ())} - {None}
-    if label in stated and len(labels) > 1 and "time_s" in needs.table.names:
+    labels = codes_of(part.columns.get(label, np.zeros(0)))[1] if label in stated else ()
+    if len(labels) > 1 and "time_s" in needs.table.names:
         needs.problems.add(
             f"{part.raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
             f"{label} holds {len(labels)} labels"
@@ -112,8 +99,8 @@ def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
         before = before[~absent(before)]
         differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
         if np.any(differ):
-            replaced = f"{shown_value(before[differ][0])} in the recording"
-            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
+            told = f"{shown_value(value)} as stated replaces {shown_value(before[differ][0])}"
+            part.notes.append(f"{role} = {told} in the recording")
         part.columns[role] = values
 
 
@@ -190,8 +177,7 @@ def _of_head(
     """Return a setting from the fields of the head that the config names, or of known names."""
     silent, values = replace(needs, problems=Problems()), dict[str, Any]()
     for match in matches:
-        read = resolved([match], silent, "") or match
-        values[match.channel.name] = values_of(read, silent)[0]
+        values[match.channel.name] = values_of(resolved([match], silent, "") or match, silent)[0]
     role, name = matches[0].role, matches[0].channel.name
     recognised = matches[0].how == "recognised"
     wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
@@ -209,7 +195,7 @@ def _of_head(
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
     """Return our settings -> header fields: of the name in the config, else of known names."""
-    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
+    found = meant(mapping.channels_of_head(fields, needs.dialect), needs) if fields else {}
     return {
         role: matches
         for role, matches in found.items()
@@ -222,14 +208,10 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     """Read the table of runs: name of a file or group -> the values in its row."""
     if of.run_table is None:
         return {}
-    path, columns = (
-        of.run_table,
-        [Column("file", "string", "", "name of the file, or of the group")],
-    )
-    for column in of.table.columns:
-        if column.name in (*SETTINGS, of.table.label):
-            columns.append(replace(column, required=False))
-    needs = Needs(replace(of.table, columns=tuple(columns)))
+    told = [c for c in of.table.columns if c.name in (*SETTINGS, of.table.label)]
+    file = Column("file", "string", "", "name of the file, or of the group")
+    columns = (file, *(replace(column, required=False) for column in told))
+    needs, path = Needs(replace(of.table, columns=columns)), of.run_table
     part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
     needs.problems.raise_if_any()
     assert part is not None
@@ -246,8 +228,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
 
 # --- rasters -------------------------------------------------------------------------------------
 
-Times = dict[int, tuple[Found, np.ndarray]]
-"""Table of a raster -> the channel with its times, and these in seconds."""
+Times = dict[int, tuple[Found, np.ndarray]]  # table of a raster -> channel of its times, these [s]
 
 
 def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:

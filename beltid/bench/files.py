@@ -48,10 +48,9 @@ class Source:
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
         path, form = self.path, "zip" if self.member else format_of(self.path)
-        is_packed = form in ("gzip", "zip")
-        packed = tempfile.TemporaryDirectory(prefix="beltid-") if is_packed else None
-        with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
-            if is_packed:
+        with contextlib.ExitStack() as held:
+            if is_packed := form in ("gzip", "zip"):
+                folder = held.enter_context(tempfile.TemporaryDirectory(prefix="beltid-"))
                 path = Path(folder) / "recording"
                 self._unpack(path)
                 form = format_of(path)
@@ -130,9 +129,8 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
         files = [
             f
             for f in found
-            if (
-                f.is_file() or (f.is_symlink() and not f.is_dir())
-            )  # the reader reports a dead link
+            if not f.is_dir()
+            and (f.is_file() or f.is_symlink())  # the reader reports a dead link
             and not f.name.startswith((".", "~$"))
             and f.suffix.lower() not in ignored
             and f.absolute() not in excluded

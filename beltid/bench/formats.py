@@ -8,45 +8,126 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
-from pyarrow import types
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import NumberSigns, numbers_of, word_of
-from beltid.bench.raw import (
-    TIME,
-    UNITS,
-    Field,
-    Raw,
-    Written,
-    even_times,
-    in_seconds,
-    plain,
-    tables_of,
-    written,
-)
+from beltid.bench.numbers import NumberSigns, numbers_of
+from beltid.bench.raw import POSITION, Field, Raw
 from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
-from beltid.store.parquet import damaged, open_parquet
+from beltid.tables.units import CONVERSIONS, T, conversion
 
-LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
+SCALING: Final = {  # properties that scale counts of a converter -> the value without effect
+    **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
+    **dict.fromkeys(("offset", "intercept", "y_intercept", "bias", "add_offset"), 0.0),
+    "scale_factor": 1.0,
+}
+TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
+UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
+"""Properties that hold the unit of a channel."""
 Variables = Mapping[str, "Written | Variables"]
+# The header line that names the separator, which is written with the separator itself
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
-"""The header line that names the separator, which is written with the separator itself."""
-_TECHNICAL: Final = re.compile(
+_TECHNICAL: Final = re.compile(  # header keys that describe the format, not the measurement
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )
-"""Header keys that describe the format, not the measurement."""
 Header = dict[str, list[str]]
+
+
+class Written(NamedTuple):
+    """A channel as a file holds it."""
+
+    name: str
+    values: Any
+    unit: str = ""
+    times: np.ndarray | None = None  # [s]
+    scaling: str = ""  # stated, but not applied
+
+
+def tables_of(
+    place: str,
+    name: str,
+    form: str,
+    channels: Iterable[Written],
+    fields: Iterable[Field] = (),
+    notes: Sequence[str] = (),
+) -> list[Raw]:
+    """Return the channels of a group, those with the same times in a table; note the others."""
+    parts: dict[Any, Raw] = {}
+    left_out = [*notes]
+    for channel in channels:
+        values, times = np.asarray(channel.values), channel.times
+        if values.ndim != 1 or values.dtype.kind not in "biufOSUM":
+            left_out.append(f"channel {channel.name} left out: no plain numbers")
+        elif values.size:
+            key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
+            of_time = {} if times is None else {TIME: times}
+            units = dict.fromkeys(of_time, "s")
+            raw = parts.setdefault(key, Raw(place, pd.DataFrame(of_time), name, form, units))
+            alike = sum(POSITION.sub("", str(known)) == channel.name for known in raw.frame)
+            own = f"{channel.name} #{alike + 1}" if alike else channel.name
+            raw.frame[own] = column_of(values)
+            raw.units[own], raw.scaling[own] = channel.unit, channel.scaling
+    said, notes = tuple(fields), tuple(left_out)
+    return [replace(raw, fields=said, notes=notes) for raw in parts.values()]
+
+
+def column_of(values: np.ndarray) -> Any:
+    """Return values as a column of a `Raw`: numbers as float64, all else as texts or None."""
+    if values.dtype.kind in "iuf":
+        return values.astype(float)
+    if values.dtype.kind == "b":
+        return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
+    if values.dtype.kind == "M":
+        values = np.datetime_as_string(values, unit="us")
+    texts = [str(plain(value)).strip("\0 ") or None for value in values.tolist()]
+    return pd.array(texts, dtype="str")
+
+
+def plain(value: Any) -> Any:
+    """Return a value of one element as an object of Python, bytes as text."""
+    value = np.ravel(value)[0] if np.size(value) == 1 and not isinstance(value, str) else value
+    value = value.item() if hasattr(value, "item") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def written(
+    name: str, values: Any, about: Mapping[str, Any], times: np.ndarray | None = None
+) -> Written:
+    """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
+    found = []
+    for word, value in about.items() if values.dtype.kind in "iu" else ():
+        neutral = SCALING.get(str(word).lower())
+        if neutral is not None and np.size(value) == 1:
+            number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
+            if number == number and number != neutral:
+                found.append(f"{word} = {number:g}")
+    unit = next((str(plain(about[p])) for p in UNITS if p in about), "")
+    return Written(name, values, unit, times, ", ".join(found))
+
+
+def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
+    """Return the times of evenly spaced samples [s], rounded: 3 * 0.02 is 0.06, as if listed."""
+    return np.round(start_s + step_s * np.arange(n), 12)
+
+
+def in_seconds(times: T, unit: str, place: str) -> T:
+    """Convert times to seconds, also without a unit; InputError for a unit of no time."""
+    by = conversion(unit, "s") or conversion(unit.lower(), "s")
+    if by is None and unit.strip():
+        allowed = ", ".join(CONVERSIONS["s"])
+        raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
+    return times if by is None or by.factor == 1.0 else by.apply(times)
+
+
+# --- channels over time ------------------------------------------------------------------------
 
 
 def read_tdms(path: Path, place: str) -> Iterator[Raw]:
@@ -142,9 +223,8 @@ def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> W
             f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
             "and spaced unevenly, export them as text"
         )
-    times = np.asarray(record["x"], dtype=float)
-    if record["abscissa_spacing"]:
-        times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+    even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+    times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
     name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
     seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
     return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
@@ -157,8 +237,7 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
     data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect.encoding)
     text = data.decode()
-    found = _SEPARATOR.search(text, 0, 10_000)
-    sign = found[1] if found else "\t"
+    sign = stated[1] if (stated := _SEPARATOR.search(text, 0, 10_000)) else "\t"
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
     problems, parts, end = Problems(), list[tuple[Raw, float]](), 0
@@ -210,9 +289,8 @@ def _segment(
     own = Raw(place, cells, lines=range(at + 2, end + 1))
     columns = [numbers_of(cells[i], signs, name, own.at, problems) for i, name in enumerate(names)]
     kind = _cell(header, "X_Columns").lower() or "one"
-    pairs = [(0, i) for i in range(1, len(names))]
-    if kind == "multi":
-        pairs = [(i, i + 1) for i in range(0, len(names) - 1, 2)]
+    is_multi, last = kind == "multi", len(names) - 1
+    pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
@@ -300,9 +378,8 @@ def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
     """Read HDF5 or a MATLAB file of version 7.3; links, which may leave the file, are refused."""
     import h5py
 
-    with path.open("rb") as stream:
-        form = "MATLAB, version 7.3" if stream.read(10) == b"MATLAB 7.3" else "HDF5"
     with h5py.File(path, "r") as file:
+        form = "MATLAB, version 7.3" if file.userblock_size else "HDF5"
         yield from _tables(_group(file, place), place, form)
 
 
@@ -362,84 +439,3 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
             f"{place}: holds no vector of samples (found: {held}); save vectors, or a struct of "
             "vectors"
         )
-
-
-# --- Parquet and tables in memory ----------------------------------------------------------------
-
-
-def read_parquet(path: Path, place: str) -> Iterator[Raw]:
-    """Read a Parquet file."""
-    file = open_parquet(path.read_bytes(), place, InputError)
-    try:
-        table = file.read()
-        table.validate(full=True)
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{place}: {damaged(error)}") from None
-    yield table_of(table, place)
-
-
-def table_of(table: pa.Table, place: str) -> Raw:
-    """Return an Arrow table as written; a column that is neither numbers nor texts is left out."""
-    columns, units, left_out = {}, {}, []
-    for field, values in zip(table.schema, table.columns, strict=True):
-        name, kind = field.name, values.type
-        if name in columns:
-            raise InputError(f"{place}: column {name} occurs several times, must be once")
-        if unit := (field.metadata or {}).get(b"unit", b"").decode(errors="replace"):
-            units[name] = unit
-        if types.is_duration(kind):
-            nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
-            columns[name], units[name] = nanoseconds / 1e9, "s"
-        elif (
-            types.is_null(kind)
-            or types.is_decimal(kind)
-            or types.is_integer(kind)
-            or types.is_floating(kind)
-        ):
-            columns[name] = values.cast(pa.float64(), safe=False).to_numpy()
-        elif (
-            types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType)
-        ):
-            left_out.append(f"column {name} holds {kind}, left out")
-        else:  # texts; times and true or false as texts
-            columns[name] = _texts(values, f"{place}: column {name}")
-    frame = pd.DataFrame(columns, copy=False)
-    return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
-
-
-def _texts(values: pa.ChunkedArray, place: str) -> Any:
-    """Return a column as texts, none of them long."""
-    for chunk in values.chunks:
-        words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
-        is_text = types.is_string(words.type) or types.is_large_string(words.type)
-        if is_text and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
-            raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
-    return pd.array(values.cast(pa.large_string()), dtype="str")
-
-
-def frame_of(frame: Any, place: str) -> Raw:
-    """Return a DataFrame, pyarrow Table or mapping as written; what is no list is left out."""
-    if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
-        raise InputError(
-            f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
-            "of columns"
-        )
-    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
-    columns = {str(name): frame[name] for name in dict.fromkeys(names)}
-    lists = {name: _arrow(values) for name, values in columns.items() if np.ndim(values) == 1}
-    lengths = sorted({len(values) for values in lists.values()})
-    if len(lengths) > 1:
-        raise InputError(f"{place}: the columns have different lengths {lengths}")
-    if lengths in ([], [0]):
-        raise InputError(f"{place}: holds no samples")
-    return table_of(pa.table(lists), place)
-
-
-def _arrow(values: Any) -> Any:
-    """Return a list as an Arrow array, of texts if its values are of several types."""
-    if isinstance(values, (pa.Array, pa.ChunkedArray)):
-        return values
-    try:
-        return pa.array(values, from_pandas=True)
-    except (pa.ArrowException, ValueError, TypeError):
-        return pa.array([word_of(value) for value in values], pa.string())

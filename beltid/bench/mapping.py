@@ -45,20 +45,18 @@ from beltid.tables.units import (
 
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")  # units of raw signals, which need a calibration
 NO_UNIT: Final = ("", "-", "1")
-FORCES: Final[tuple[str, ...]] = (
+FORCES: Final[tuple[str, ...]] = (  # any two of a friction rig give the forces of both spans
     *("tension_tight_N", "tension_slack_N", "weight_N", "torque_N_m", "hub_force_N"),
 )
-"""Channels of a friction rig; any two of them give the forces of both spans."""
-_IN_RPM: Final = re.compile(
+_IN_RPM: Final = re.compile(  # names of speeds in turns per minute
     r"drehzahl|(?<!\d)(?<!\d )rpm|\b(?:upm|(?:u|1|r|tr|rev|tours)/min|min(?:\^?-|⁻)[1¹])(?!\w)",
     re.IGNORECASE,
 )
-"""Names of speeds in turns per minute."""
 _DIGITS: Final = "0123456789 "
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
 _NUMBER_AND_UNIT: Final = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
 _END: Final = str.maketrans(" /", "__")
-OTHER_UNITS: Final = {
+OTHER_UNITS: Final = {  # names such as ``force_kN`` -> the column ``force_N``, and ``kN``
     column.name.removesuffix(column.unit.translate(_END)) + unit.translate(_END): (
         column.name,
         unit,
@@ -69,7 +67,6 @@ OTHER_UNITS: Final = {
     for unit in CONVERSIONS.get(column.unit, {})
     if unit != column.unit
 }
-"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,10 +241,8 @@ def lacking(table: Table, has: Collection[str]) -> list[str]:
 
 def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     """Return our columns -> channels that fit; several for one column are ambiguous."""
-    columns, found = needs.table.columns, dict[str, list[Found]]()
-    for column in columns:
-        if named := _named(column.name, channels, needs):
-            found[column.name] = named
+    columns = needs.table.columns
+    found = {c.name: own for c in columns if (own := _named(c.name, channels, needs))}
     taken = {id(named[0].channel) for named in found.values()}
     free = [c for c in channels if id(c) not in taken]
     words = {id(c): roles_meant(c.base, needs.table.kind) for c in free}
@@ -290,8 +285,8 @@ def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
 
 def mapped(channels: Sequence[Channel], needs: Needs, place: str) -> dict[str, Found]:
     """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
-    found = {r: resolved(matches, needs, place) for r, matches in meant(channels, needs).items()}
-    return {role: match for role, match in found.items() if match is not None}
+    every = meant(channels, needs).items()
+    return {r: one for r, of in every if (one := resolved(of, needs, place)) is not None}
 
 
 def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None:
@@ -375,34 +370,28 @@ def refuse_missing(
         return
     kind, is_whole_one = bench_of(channels, [Needs(schemas.table(kind)) for kind in KINDS])
     if is_whole_one and kind != needs.kind:
-        command = schemas.table(kind).command
-        needs.problems.add(
-            f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
-        )
+        of = f"a recording of {schemas.table(kind).command}, data.{kind} in a config"
+        needs.problems.add(f"{place}: these are the columns of {of}")
         return
-    shown = [
-        f"{names[role]} (which the config names for {role})" if role in names else role
-        for role in missing
-    ] or [f"of {table.command}"]
-    are = ("column", "is") if len(shown) == 1 else ("columns", "are")
-    text = f"{place}: {are[0]} {', '.join(shown)} {are[1]} missing"
     used = {match.channel.name for match in found.values()}
     free = [c.name for c in channels if c.name not in used]
-    close = {
-        role: name
-        for role in missing
-        for name in difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6)
-    }
-    role = next(iter({**close, **dict.fromkeys(missing)}), "mu")
+    near = {r: difflib.get_close_matches(names.get(r, r), free, n=1, cutoff=0.6) for r in missing}
+    close = {role: matches[0] for role, matches in near.items() if matches}
+    role, how = next(iter([*close, *missing]), "mu"), ""
     if missing and not close and {*missing} <= {*schemas.NOMINAL}:
-        how = f"runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}}"
-        text += (
-            f'; state it in {how} for all runs, by pattern: "{{run}}_{{{role}}}.csv" of the file '
-            "names, or by table: runs.csv with a row per file"
+        how = (
+            f"; state it in runs: {{{needs.kind}: {{values: {{{role}: ...}}}}}} for all runs, by "
+            f'pattern: "{{run}}_{{{role}}}.csv" of the file names, or by table: runs.csv with a '
+            "row per file"
         )
+    shown = [f"{names[r]} (which the config names for {r})" if r in names else r for r in missing]
+    are = "columns {} are" if len(shown) > 1 else "column {} is"
     held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
     say = needs.say("columns", role, f'"{close.get(role, "its name in the file")}"')
-    needs.problems.add(f"{text}; not yet read: {held}; if it has another name, state it: {say}")
+    needs.problems.add(
+        f"{place}: {are.format(', '.join(shown) or f'of {table.command}')} missing{how}; not yet "
+        f"read: {held}; if it has another name, state it: {say}"
+    )
 
 
 def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:

@@ -22,13 +22,13 @@ import pandas as pd
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.values import is_missing
 
+# Texts that people, spreadsheets and compilers write for a missing number
 _WORDS: Final = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA> 1.#IND"
 _ERRORS: Final = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL! 1.#QNAN -1.#IND"
 MISSING: Final = frozenset(("", "-1.#QNAN", *_WORDS.split(), *_ERRORS.split()))
-"""Texts that people, spreadsheets and compilers write for a missing number."""
 NO_NUMBER: Final = "must be a number"
+# Typographic apostrophes, blanks and minus signs -> those of a keyboard
 _PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
-"""Typographic apostrophes, blanks and minus signs -> those of a keyboard."""
 _SINGLE: Final = re.compile(
     r"[-+]?(?=[.,]?\d)\d*(?:(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?", re.ASCII
 )

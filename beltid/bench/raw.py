@@ -6,39 +6,35 @@ import functools
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from pyarrow import types
 
-from beltid.bench.numbers import NumberSigns
+from beltid.bench.numbers import NumberSigns, word_of
 from beltid.errors import InputError, Problems
+from beltid.store.parquet import damaged, open_parquet
 from beltid.tables import schemas
-from beltid.tables.units import CONVERSIONS, T, canonical_unit, conversion, is_known_unit
+from beltid.tables.units import canonical_unit, is_known_unit
 
-SCALING: Final = {
-    **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
-    **dict.fromkeys(("offset", "intercept", "y_intercept", "bias", "add_offset"), 0.0),
-    "scale_factor": 1.0,
-}
-"""Properties that scale the counts of a converter -> the value that has no effect."""
-TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
-UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
-"""Properties that hold the unit of a channel."""
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""Number that distinguishes channels of the same name."""
+LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
+# Units that none of our columns has, but that occur in a row of units
+_NUMERIC: Final = (types.is_null, types.is_decimal, types.is_integer, types.is_floating)
+POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among those of its name
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
-"""Units that none of our columns has, but that occur in a row of units."""
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 """Brackets at the end of a name, which may hold its unit."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+# Prefix that a recorder puts before the name of a channel
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
-"""Prefix that a recorder puts before the name of a channel."""
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
@@ -83,63 +79,6 @@ class Raw:
         return f"{self.place}:{self.header_line}" if self.header_line else self.place
 
 
-class Written(NamedTuple):
-    """A channel as a file holds it."""
-
-    name: str
-    values: Any
-    unit: str = ""
-    times: np.ndarray | None = None  # [s]
-    scaling: str = ""  # stated, but not applied
-
-
-def tables_of(
-    place: str,
-    name: str,
-    form: str,
-    channels: Iterable[Written],
-    fields: Iterable[Field] = (),
-    notes: Sequence[str] = (),
-) -> list[Raw]:
-    """Return the channels of a group, those with the same times in a table; note the others."""
-    parts: dict[Any, Raw] = {}
-    left_out = [*notes]
-    for channel in channels:
-        values, times = np.asarray(channel.values), channel.times
-        if values.ndim != 1 or values.dtype.kind not in "biufOSUM":
-            left_out.append(f"channel {channel.name} left out: no plain numbers")
-        elif values.size:
-            key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-            of_time = {} if times is None else {TIME: times}
-            units = dict.fromkeys(of_time, "s")
-            raw = parts.setdefault(key, Raw(place, pd.DataFrame(of_time), name, form, units))
-            alike = sum(POSITION.sub("", str(known)) == channel.name for known in raw.frame)
-            own = f"{channel.name} #{alike + 1}" if alike else channel.name
-            raw.frame[own] = column_of(values)
-            raw.units[own], raw.scaling[own] = channel.unit, channel.scaling
-    said, notes = tuple(fields), tuple(left_out)
-    return [replace(raw, fields=said, notes=notes) for raw in parts.values()]
-
-
-def column_of(values: np.ndarray) -> Any:
-    """Return values as a column of a `Raw`: numbers as float64, all else as texts or None."""
-    if values.dtype.kind in "iuf":
-        return values.astype(float)
-    if values.dtype.kind == "b":
-        return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
-    if values.dtype.kind == "M":
-        values = np.datetime_as_string(values, unit="us")
-    texts = [str(plain(value)).strip("\0 ") or None for value in values.tolist()]
-    return pd.array(texts, dtype="str")
-
-
-def plain(value: Any) -> Any:
-    """Return a value of one element as an object of Python, bytes as text."""
-    value = np.ravel(value)[0] if np.size(value) == 1 and not isinstance(value, str) else value
-    value = value.item() if hasattr(value, "item") else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
 def is_text(values: pd.Series) -> bool:
     """Return whether a column holds texts, not numbers."""
     return not pd.api.types.is_numeric_dtype(values)
@@ -150,33 +89,91 @@ def first_texts(values: pd.Series) -> list[str]:
     return [v for v in values.iloc[:200] if isinstance(v, str)] if is_text(values) else []
 
 
-def written(
-    name: str, values: Any, about: Mapping[str, Any], times: np.ndarray | None = None
-) -> Written:
-    """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
-    found = []
-    for word, value in about.items() if values.dtype.kind in "iu" else ():
-        neutral = SCALING.get(str(word).lower())
-        if neutral is not None and np.size(value) == 1:
-            number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
-            if number == number and number != neutral:
-                found.append(f"{word} = {number:g}")
-    unit = next((str(plain(about[p])) for p in UNITS if p in about), "")
-    return Written(name, values, unit, times, ", ".join(found))
+def stretches(*columns: np.ndarray) -> np.ndarray:
+    """Return the rows with which stretches of equal values begin."""
+    changed = np.logical_or.reduce([values[1:] != values[:-1] for values in columns])
+    return np.flatnonzero(np.append(True, changed))[: len(columns[0])]
 
 
-def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
-    """Return the times of evenly spaced samples [s], rounded: 3 * 0.02 is 0.06, as if listed."""
-    return np.round(start_s + step_s * np.arange(n), 12)
+def codes_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of every label, -1 for none, and the labels, in order of appearance."""
+    begins = stretches(labels)
+    codes, words = pd.factorize(labels[begins])
+    return codes.repeat(np.diff(begins, append=len(labels))), words
 
 
-def in_seconds(times: T, unit: str, place: str) -> T:
-    """Convert times to seconds, also without a unit; InputError for a unit of no time."""
-    by = conversion(unit, "s") or conversion(unit.lower(), "s")
-    if by is None and unit.strip():
-        allowed = ", ".join(CONVERSIONS["s"])
-        raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
-    return times if by is None or by.factor == 1.0 else by.apply(times)
+# --- Parquet and tables in memory ----------------------------------------------------------------
+
+
+def read_parquet(path: Path, place: str) -> Iterator[Raw]:
+    """Read a Parquet file."""
+    file = open_parquet(path.read_bytes(), place, InputError)
+    try:
+        table = file.read()
+        table.validate(full=True)
+    except Exception as error:  # a damaged file can raise nearly anything
+        raise InputError(f"{place}: {damaged(error)}") from None
+    yield table_of(table, place)
+
+
+def table_of(table: pa.Table, place: str) -> Raw:
+    """Return an Arrow table as written; a column that is neither numbers nor texts is left out."""
+    columns, units, left_out = {}, {}, []
+    for entry, values in zip(table.schema, table.columns, strict=True):
+        name, kind = entry.name, values.type
+        if name in columns:
+            raise InputError(f"{place}: column {name} occurs several times, must be once")
+        if unit := (entry.metadata or {}).get(b"unit", b"").decode(errors="replace"):
+            units[name] = unit
+        if types.is_duration(kind):
+            nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
+            columns[name], units[name] = nanoseconds / 1e9, "s"
+        elif any(is_kind(kind) for is_kind in _NUMERIC):
+            columns[name] = values.cast(pa.float64(), safe=False).to_numpy()
+        elif types.is_nested(kind) or types.is_binary(kind) or hasattr(kind, "extension_name"):
+            left_out.append(f"column {name} holds {kind}, left out")
+        else:  # texts; times and true or false as texts
+            columns[name] = _texts(values, f"{place}: column {name}")
+    frame = pd.DataFrame(columns, copy=False)
+    return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
+
+
+def _texts(values: pa.ChunkedArray, place: str) -> Any:
+    """Return a column as texts, none of them long."""
+    for chunk in values.chunks:
+        words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
+        is_text = types.is_string(words.type) or types.is_large_string(words.type)
+        if is_text and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
+            raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
+    return pd.array(values.cast(pa.large_string()), dtype="str")
+
+
+def frame_of(frame: Any, place: str) -> Raw:
+    """Return a DataFrame, pyarrow Table or mapping as written; what is no list is left out."""
+    if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
+        raise InputError(
+            f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
+            "of columns"
+        )
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    columns = {str(name): frame[name] for name in dict.fromkeys(names)}
+    lists = {name: _arrow(values) for name, values in columns.items() if np.ndim(values) == 1}
+    lengths = sorted({len(values) for values in lists.values()})
+    if len(lengths) > 1:
+        raise InputError(f"{place}: the columns have different lengths {lengths}")
+    if lengths in ([], [0]):
+        raise InputError(f"{place}: holds no samples")
+    return table_of(pa.table(lists), place)
+
+
+def _arrow(values: Any) -> Any:
+    """Return a list as an Arrow array, of texts if its values are of several types."""
+    if isinstance(values, (pa.Array, pa.ChunkedArray)):
+        return values
+    try:
+        return pa.array(values, from_pandas=True)
+    except (pa.ArrowException, ValueError, TypeError):
+        return pa.array([word_of(value) for value in values], pa.string())
 
 
 # --- names ----------------------------------------------------------------------------------------

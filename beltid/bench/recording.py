@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,11 +16,14 @@ import pandas as pd
 from beltid.bench import cells, formats
 from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
-from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
-from beltid.bench.numbers import word_of
-from beltid.bench.raw import Raw
+from beltid.bench.formats import TIME
+from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant, rig_of
+from beltid.bench.numbers import numbers_of, word_of
+from beltid.bench.raw import Raw, codes_of, frame_of, is_text, read_parquet
 from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
-from beltid.errors import InputError
+from beltid.config.checks import name_pattern
+from beltid.config.model import KINDS
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Table
 from beltid.tables.values import absent
@@ -33,9 +37,17 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
     "mat": formats.read_matlab,
     "hdf5": formats.read_hdf5,
     "excel": cells.read_excel,
-    "parquet": formats.read_parquet,
+    "parquet": read_parquet,
 }
 """Format -> reader of the tables of a file; texts also take the dialect of the config."""
+SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
+_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
+_UNIT_WORDS: Final = {  # setting -> how its unit is written behind a number in the name of a file
+    "arc_deg": r"(?i:deg|grad|°)",
+    "initial_tension_N": r"[Nn]",
+    "temperature_degC": r"(?:C|degC|°C)",
+}
+GAP: Final = 3.0  # steps of time over which samples are missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +117,7 @@ def of_bench(raws: Sequence[Raw], needs: Needs) -> Needs:
 
 def _are_plateaus(found: Mapping[str, Sequence[Found]]) -> bool:
     """Return whether a table has a row per plateau: a speed, an arc or mu, no label repeated."""
-    labels = [match.channel.values for match in found.get("run", ())]
+    labels = (match.channel.values for match in found.get("run", ()))
     repeated = any(2 * column.nunique() < len(column) for column in labels)
     has_speed = bool({"pulley_speed_rad_s", "slip_speed_m_s"} & {*found})
     return has_speed and bool({"arc_deg", "mu"} & {*found}) and not repeated
@@ -132,8 +144,8 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-        problems.add(f"{source.name}: {what}")
+        what = f"damaged, not of this format, or not to be read here: {type(error).__name__}"
+        problems.add(f"{source.name}: {what}: {error}")
     return []
 
 
@@ -160,8 +172,7 @@ def recording_of(parts: Sequence[Part], path: Path, needs: Needs) -> Recording:
     """Join the parts of a recording and check it; InputError with all errors."""
     needs.problems.raise_if_any()
     columns, place, notes, stated = joined(parts, needs)
-    checker = Checker(str(path), columns, place, needs)
-    notes += checker.run({*needs.units, *stated})
+    notes += Checker(str(path), columns, place, needs).run({*needs.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
     rig = dict(needs.rig)
@@ -181,16 +192,23 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     artifact = read_artifact(path, "simulated" if kind == "rig" else None)
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
-    names = [name for name in schemas.rig_table().names if name in artifact.columns]
-    columns = {name: artifact.columns[name] for name in names}
+    held = artifact.columns
+    columns = {name: held[name] for name in schemas.rig_table().names if name in held}
     return Recording(kind, columns, path, is_artifact=True)
 
 
-def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
-    """Return columns in our names and units as a DataFrame, marked as such, its notes in attrs."""
-    frame = pd.DataFrame(columns)
+def as_frame(columns: dict[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
+    """Move columns in our names and units to a DataFrame, marked as such, its notes in attrs."""
+    frame = pd.DataFrame({name: _series(columns.pop(name)) for name in [*columns]}, copy=False)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame
+
+
+def _series(values: np.ndarray) -> Any:
+    """Return a column that can be written to: labels as pandas makes of them, or numbers."""
+    codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
+    is_text, numbers = len(words) > 0, np.require(values, requirements="W")
+    return pd.array(words, dtype="str").take(codes, allow_fill=True) if is_text else numbers
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
@@ -204,7 +222,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
         # names and units are ours already
         needs = Needs(needs.table, measures=needs.measures)
         frame = frame.columns if isinstance(frame, Recording) else frame
-    raw = formats.frame_of(frame, "frame")
+    raw = frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in needs.names.items() if n not in raw.frame}
     needs = replace(needs, pattern=None, run_table=None, names=names)
@@ -217,7 +235,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
-    raw, columns, problems = formats.frame_of(frame, name).frame, {}, []
+    raw, columns, problems = frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)
         if values is None or column.dtype in ("list", "bool"):
@@ -231,3 +249,134 @@ def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     if problems:
         raise InputError(problems)
     return columns
+
+
+# --- what is in a file ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """Result of inspecting a recording."""
+
+    kind: str  # stated or recognised; "" if it cannot be recognised
+    names: tuple[str, ...]  # of its files
+    tables: list[Raw]  # of the first file as written
+    channels: list[Channel]  # of these tables
+    found: dict[str, Found] = field(default_factory=dict)  # our columns, as far as known
+    runs: list[dict[str, Any]] = field(default_factory=list)  # a row of facts per run, if readable
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()  # to be stated or corrected; without, the command reads it
+    rig: dict[str, str] = field(default_factory=dict)  # what stays while the pulley turns
+    pattern: str = ""  # of the file names, for settings that are nowhere else
+
+
+def inspect_recording(
+    path: Path, config: Any, kind: str | None = None, *, guess: bool = False
+) -> Inspection:
+    """Look into the first file of a recording, and read all of it as the stage of its kind does.
+
+    Without a `kind`, it is told by the channels. With `guess`, settings of the runs are read
+    from the names of the files if they seem to be there and nowhere else.
+    """
+    benches = {k: Needs.of(config, k) for k in ([kind] if kind else KINDS)}
+    sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
+    names = tuple(source.inside.name for source in sources)
+    first = next(iter(benches.values()))
+    tables = tables_in(sources[0], first)
+    first.problems.raise_if_any()
+    channels = [channel for table in tables for channel in channels_of([table])]
+    if not kind:
+        are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
+        kind = "rig" if are_plateaus else bench_of(channels, [*benches.values()])[0]
+    seen = Inspection(kind, names, tables, channels, notes=tables[0].notes)
+    if not kind:
+        held = ", ".join(c.name for c in channels[:12]) or "none"
+        problem = (
+            f"{path}: the channels do not tell which bench this is (found: {held}); state it "
+            f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
+        )
+        return replace(seen, problems=(problem,))
+    needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
+    seen = replace(seen, pattern=_pattern(names, needs, {*has}, len(tables)))
+    if seen.pattern and guess:
+        stated = {kind: {**config.runs[kind], "pattern": seen.pattern}}
+        config = config.model_copy(update={"runs": config.runs | stated})
+    try:
+        recording = read_recording(path, kind, config)
+    except InputError as error:
+        every = [mapped(channels_of([table]), needs, "") for table in tables]
+        found = {role: match for of in reversed(every) for role, match in of.items()}
+        return replace(seen, found=found, problems=error.problems)
+    rig, found, problems = recording.rig, recording.found, tuple[str, ...]()
+    spans = {"tension_tight_N", "tension_slack_N"} & {*found}
+    if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
+        ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
+        problems = (f"{path}: a weight beside a torque: {ask}",)
+    seen = replace(seen, rig={name: word for name, word in rig.items() if name == "holds"})
+    runs, notes = runs_found(recording), recording.notes
+    return replace(seen, found=found, runs=runs, notes=notes, problems=problems)
+
+
+def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
+    """Return a pattern of all file names with a setting that is found nowhere else, or ""."""
+    required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
+    if not required - found - {*needs.values} or needs.pattern or needs.run_table:
+        return ""
+    units = {n: u for n, u in _UNIT_WORDS.items() if n in needs.table.names and n not in found}
+    label = f"{{{needs.table.label}}}" if n_tables == 1 else "{}"
+    pattern, ending = "", PurePath(names[0]).suffix
+    for word, *others in zip(*(re.split("([_-])", PurePath(n).stem) for n in names), strict=False):
+        own = word
+        for role, unit in units.items():
+            own = re.sub(rf"^{_NUMBER}(?={unit}(?![A-Za-z]))", f"{{{role}}}", own)
+        if own == word and (re.fullmatch(_NUMBER, word) or {*others} - {word}):
+            own, label = label, "{}"
+        pattern += own
+    if not any(role in pattern for role in units):
+        return ""
+    values = name_pattern(pattern + ending).values
+    return pattern + ending if all(map(values, names)) else ""
+
+
+def ranges(channel: Channel) -> dict[str, float]:
+    """Return rate, smallest, largest and first number of a channel; nan for texts."""
+    raw, values = channel.raw, channel.values
+    if is_text(values):
+        values = values[:0] if channel.written else values  # times are no numbers
+        values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
+    finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
+    return {
+        "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,
+        "min": float(finite.min()),
+        "max": float(finite.max()),
+        "first": float(finite.iloc[0]) if len(finite) else np.nan,
+    }
+
+
+def _step(time: np.ndarray) -> float:
+    """Return the median step of time [s], nan if it does not go on."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+    return step if step > 0 else np.nan
+
+
+def runs_found(recording: Recording) -> list[dict[str, Any]]:
+    """Return a row per run: its settings, the speed or force it reached, its length, its gaps."""
+    columns, kind = recording.columns, recording.kind
+    sensors = pd.DataFrame({name: x for name, x in columns.items() if x.dtype != object})
+    speed = "driver_speed_rad_s" if kind == "speedloss" else "pulley_speed_rad_s"
+    rows = []
+    for label, run in sensors.groupby(columns[schemas.table(kind).label], sort=False):
+        row: dict[str, Any] = {"run": str(label)}
+        row |= {n: float(run[n].median()) for n in SETTINGS if n in run and run[n].count()}
+        if speed in run and run[speed].count():
+            turning = run[speed].abs()
+            # omit the rest phase; the highest samples alone would show sensor noise
+            row[speed] = float(turning[turning >= 0.5 * turning.quantile(0.9)].median())
+        if kind == "press":
+            row["force_N"] = float(run["force_N"].abs().max())
+        time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
+        step = _step(time)
+        gaps = time[:-1][np.diff(time) > GAP * step][:5].tolist()
+        row |= {"duration_s": float(time[-1] - time[0]), "samples": len(run)}
+        rows.append(row | {"rate_Hz": 1.0 / step if step > 0 else None, "gaps_at_s": gaps or None})
+    return rows

@@ -7,28 +7,25 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from beltid.bench.columns import Part
 from beltid.bench.mapping import Channel, Needs, channels_of, lacking, meant
-from beltid.bench.raw import POSITION, Raw, roles_meant
+from beltid.bench.raw import POSITION, Raw, codes_of, roles_meant, stretches
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
 
-RESTART: Final = 0.05
-"""A new run begins when time falls back into the first part, this share, of the run before."""
+RESTART: Final = 0.05  # share of the run before, into which time falls back in a new run
 MIN_SAMPLES: Final = 10
 PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
-OTHER_RUN: Final = 100.0
-"""Least ratio of the largest run to a run in another unit; benches vary their load far less."""
-TRUTHS: Final = {
-    **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
-    **dict.fromkeys(("0", "no", "nein", "non"), "false"),
-}
+OTHER_RUN: Final = 100.0  # least ratio of the largest run to one in another unit
+TRUTHS: Final = {"1": "true", "yes": "true", "ja": "true", "oui": "true"} | dict.fromkeys(
+    ("0", "no", "nein", "non"), "false"
+)
 
 
 def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
@@ -97,15 +94,14 @@ def joined(
             label, file = part.names[1], part.names[-1]
             label = f"{file}/{label}" if counts[label] > 1 and label != file else label
             part.columns[table.label] = _labels(part, label, problems)
-        for label in pd.unique(part.columns[table.label]) if timed else ():
-            if label is not None and (owner := owners.setdefault(label, place)) != place:
+        for label in codes_of(part.columns[table.label])[1] if timed else ():
+            if (owner := owners.setdefault(label, place)) != place:
                 problems.add(f"{place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(place)
     problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
-    lengths = [*map(len, parts)]
-    starts = np.cumsum([0, *lengths])[:-1]
+    starts = np.cumsum([0, *map(len, parts)])
 
     def place_of(sample: int) -> tuple[str, int]:
         """Return the place of a sample in its part."""
@@ -121,12 +117,12 @@ def joined(
     present, columns = {name for part in parts for name in part.columns}, dict[str, np.ndarray]()
     for column in table.columns:
         if column.name in present or column.name not in RUN_TEXTS:
-            missing = np.array([None if column.dtype == "string" else np.nan])
+            missing, name = np.array([None if column.dtype == "string" else np.nan]), column.name
             pieces = [
-                part.columns.pop(column.name, missing.repeat(n))
-                for part, n in zip(parts, lengths, strict=True)
+                part.columns.pop(name) if name in part.columns else missing.repeat(n)
+                for part, n in zip(parts, np.diff(starts), strict=True)
             ]
-            columns[column.name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
+            columns[name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
     return columns, place_of, shown, set.intersection(*stated_units)
 
 
@@ -134,18 +130,16 @@ def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
-    labels, n = np.full(len(time), label, dtype=object), len(bounds) - 1
-    for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        if n > 1:
-            labels[first:end] = f"{label}-{k}"
-        speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if _rotations(speed[np.isfinite(speed)]) > 1:
-            stops = f"in run {labels[first]} the pulley turns several times with stops between"
+    names = [f"{label}-{k}" for k in range(1, len(bounds))] if len(bounds) > 2 else [label]
+    speed = columns.get("pulley_speed_rad_s", time[:0])
+    for name, (first, end) in zip(names, itertools.pairwise(bounds), strict=True):
+        if _rotations(speed[first:end][np.isfinite(speed[first:end])]) > 1:
+            stops = f"in run {name} the pulley turns several times with stops between"
             problems.add(f"{part.raw.place}: {stops}: add a column of labels")
-    if n > 1:
+    if len(names) > 1:
         how = "separated by changes of the settings and by restarts of the time"
-        part.notes.append(f"no column labels the runs: {n} {how}")
-    return labels
+        part.notes.append(f"no column labels the runs: {len(names)} {how}")
+    return np.array(names, dtype=object).repeat(np.diff(bounds))
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
@@ -187,7 +181,8 @@ class Checker:
         self.name, self.columns, self.place, self.needs = name, columns, place, needs
         self.table, self.problems = needs.table, needs.problems
         self.label, self.timed = columns[self.table.label], "time_s" in columns
-        self.codes = np.asarray(pd.factorize(self.label)[0], dtype=np.int64)
+        self.codes = codes_of(self.label)[0]
+        self.begins = stretches(self.codes)
 
     def run(self, units_stated: Collection[str]) -> list[str]:
         """Run all checks; return notes on what is allowed. Stated units are not questioned."""
@@ -223,10 +218,12 @@ class Checker:
         is_compared = column.unit in ("N", "mm") and column.name not in NOMINAL
         if not self.timed or not is_compared or not self.codes.any():
             return False
-        runs = pd.Series(np.abs(values) if column.unit == "N" else values).groupby(self.codes)
-        size = runs.max() if column.unit == "N" else (runs.max() - runs.min()) / 2
+        lows, highs = (of.reduceat(values, self.begins) for of in (np.fmin, np.fmax))
+        runs = pd.DataFrame({"low": lows, "high": highs}).groupby(self.codes[self.begins])
+        low, high = runs["low"].min(), runs["high"].max()
+        size: Any = np.maximum(-low, high) if column.unit == "N" else (high - low) / 2
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
-            rows = runs.indices[run]
+            rows = np.flatnonzero(self.codes == run)
             guess = other_unit(column, kind, values[rows])
             is_idle = "idle" in self.columns and "true" in self.columns["idle"][rows]
             if guess and not is_idle:
@@ -245,41 +242,46 @@ class Checker:
 
     def _setting(self, name: str) -> None:
         """Fill in a setting that only some rows of a run state; report it if it changes there."""
-        codes, values = self.codes, self.columns[name]
-        stated = ~absent(values) & (codes >= 0)
-        begins = stated & ~pd.Series(np.where(stated, codes, -1)).duplicated().to_numpy()
+        values = self.columns[name]
+        heads = stretches(self.codes, values)  # what is to be seen shows there
+        heads = heads[~absent(values[heads]) & (self.codes[heads] >= 0)]
+        codes, cells = self.codes[heads], values[heads]
         nothing = None if values.dtype == object else np.nan
-        first = np.full(codes.max() + 2, nothing, values.dtype)
-        first[codes[begins]] = values[begins]
-        first = first[codes]
-        rows = np.flatnonzero((values != first) & stated)
+        first = np.full(self.codes.max() + 2, nothing, values.dtype)
+        first[codes[::-1]] = cells[::-1]  # the first one is written last
+        rows = np.flatnonzero(cells != first[codes])
         if values.dtype != object:
-            rows = rows[~np.isclose(values[rows], first[rows], rtol=1e-6, atol=0.0)]
+            rows = rows[~np.isclose(cells[rows], first[codes[rows]], rtol=1e-6, atol=0.0)]
         self.problems.add_alike(
-            rows[~pd.Series(codes[rows]).duplicated().to_numpy()],
+            np.sort(heads[rows[np.unique(codes[rows], return_index=True)[1]]]),
             lambda i: (
-                f"{name} = {shown_value(values[i])}, must stay {shown_value(first[i])} within "
-                f"{self.table.label} {self.label[i]} (is the label used twice?)"
+                f"{name} = {shown_value(values[i])}, must stay "
+                f"{shown_value(first[self.codes[i]])} within {self.table.label} {self.label[i]} "
+                "(is the label used twice?)"
             ),
             self.place,
         )
-        self.columns[name] = np.where(stated | (codes < 0), values, first)
+        missing = absent(values) & (self.codes >= 0)
+        if missing.any():
+            self.columns[name] = np.where(missing, first[self.codes], values)
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""
         values, missing = self.columns[column.name], np.isnan(self.columns[column.name])
-        negative = int((values < 0.0).sum())
-        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
+        is_force = column.low == 0.0 and column.unit == "N"
+        if is_force and np.count_nonzero(values < 0.0) > max(9, 0.5 * values.size):
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
                 "cell is reversed, put a minus before its name in the file: "
                 + self.needs.say("columns", column.name, f'"-{column.name}"')
             )
             return []
-        self._report(
-            np.isinf(values) | outside(values, column),
-            lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
-        )
+        extremes = np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
+        if np.any(np.isinf(extremes) | outside(extremes, column)):
+            self._report(
+                np.isinf(values) | outside(values, column),
+                lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
+            )
         if not column.nullable:
             empty = f"{column.name} is empty, must be {column.allowed}"
             self._report(missing & (self.codes >= 0), lambda i: empty)
@@ -292,21 +294,22 @@ class Checker:
     def _choices(self, column: Column) -> None:
         """Check a column that allows certain words only; case does not matter, and 1 is true."""
         truths = TRUTHS if column.choices == ("true", "false") else {}
-        values = self.columns[column.name]
-        lower = {word: word and truths.get(word.lower(), word.lower()) for word in set(values)}
-        right = np.array([lower[word] for word in values], dtype=object)
+        codes, words = pd.factorize(self.columns[column.name])
+        right = np.array([*(truths.get(w.lower(), w.lower()) for w in words), None], dtype=object)
         self._report(
-            np.array([word not in (None, *column.choices) for word in right]),
-            lambda i: f"{column.name} = {values[i]}, must be {column.allowed}",
+            np.array([word not in (None, *column.choices) for word in right])[codes],
+            lambda i: f"{column.name} = {words[codes[i]]}, must be {column.allowed}",
         )
-        self.columns[column.name] = right
+        self.columns[column.name] = right[codes]
 
     def _time(self) -> None:
         """Report times that go backwards within a run."""
-        time, codes = pd.Series(self.columns["time_s"]), self.codes
-        before = time.groupby(codes).shift()
+        time, begins = self.columns["time_s"], self.begins
+        last = pd.Series(time[np.append(begins[1:], len(time)) - 1])
+        before = np.roll(time, 1)
+        before[begins] = last.groupby(self.codes[begins]).shift()
         self._report(
-            (time < before).to_numpy() & (codes >= 0),
+            (time < before) & (self.codes >= 0),
             lambda i: (
                 f"time_s = {time[i]:g} after {before[i]:g} in {self.table.label} {self.label[i]}, "
                 "must not go backwards (is the label used twice?)"
@@ -319,14 +322,16 @@ def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
 
     Benches record tensions of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm.
     """
-    finite, name = values[np.isfinite(values)], column.name
+    is_finite, name = np.isfinite(values), column.name
+    finite = values if is_finite.all() else values[is_finite]
     if not finite.size or (kind == "points" and name != "arc_deg"):
         return ""  # tables written by hand, for belts of any size
-    largest, travel = np.abs(finite).max(), float(np.ptp(finite))
+    low, high = float(finite.min()), float(finite.max())
+    largest, travel = max(-low, high), high - low
     is_tension = column.unit == "N" and "tension" in name
     plausible = (
-        (is_tension and finite.max() > 0.0 and largest < 5.0, "kN"),
-        (is_tension and np.median(np.abs(finite)) > 1e4, "mN"),
+        (is_tension and high > 0.0 and largest < 5.0, "kN"),
+        (is_tension and largest > 1e4 and np.median(np.abs(finite)) > 1e4, "mN"),
         (name == "force_N" and largest < 5.0, "kN"),
         (name == "force_N" and largest > 2e4, "mN"),
         (name == "displacement_mm" and 30.0 < travel < 1e6, "um"),
@@ -334,6 +339,6 @@ def other_unit(column: Column, kind: str, values: np.ndarray) -> str:
         (name == "torque_N_m" and 0.0 < largest < 0.1, "kN m"),
         (name == "torque_N_m" and largest > 1000.0, "N mm"),
         (name == "arc_deg" and largest < 2 * np.pi, "rad"),
-        (name == "temperature_degC" and finite.min() > 200.0, "K"),
+        (name == "temperature_degC" and low > 200.0, "K"),
     )
     return next((unit for holds, unit in plausible if holds), "")

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.inspection import Inspection, inspect_recording, ranges
+from beltid.bench.recording import Inspection, inspect_recording, ranges
 from beltid.config import Config, ConfigSource, load_config
 from beltid.config.loading import effective_values
 from beltid.config.model import KINDS

@@ -7,9 +7,11 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from golden import files_written as w
 
+import beltid
 from beltid.bench.recording import Recording, read_recording
 from beltid.config import Config, load_config
 from beltid.errors import InputError
@@ -211,3 +213,20 @@ def test_packed_bombs_are_refused_by_a_limit(tmp_path, monkeypatch):
     for name in ("rig.zip", "rig.csv.gz"):
         with pytest.raises(InputError, match="unpacks to more than"):
             read_recording(tmp_path / name, "rig")
+
+
+def test_pieces_of_a_text_are_read_as_the_whole(tmp_path, monkeypatch):
+    """Remarks, blank lines and quotation marks at any place; its numbers can be written to."""
+    lines = w.table(w.RIG, quote='"').splitlines(keepends=True)
+    lines[100:100] = ["\n", "# cycle 2\n", "\n"]
+    (tmp_path / "rig.csv").write_text("".join(lines))
+    whole = beltid.read_rig(tmp_path / "rig.csv")
+    monkeypatch.setattr("beltid.bench.cells.BLOCK", 97)
+    frame = beltid.read_rig(tmp_path / "rig.csv")
+    pd.testing.assert_frame_equal(frame, whole, check_exact=True)
+    frame.loc[3, "time_s"] = -1.0
+    assert frame["time_s"][3] == -1.0
+    for line, words in ((200, "9\n"), (300, '"R1,2\n')):
+        (tmp_path / "rig.csv").write_text("".join([*lines[:line], words, *lines[line:]]))
+        with pytest.raises(InputError, match=rf"rig.csv:{line + 1}: 1 cells|quotation marks"):
+            beltid.read_rig(tmp_path / "rig.csv")
