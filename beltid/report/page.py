@@ -63,9 +63,8 @@ def belt_page(results: BeltResults, made_from: str) -> str:
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> str:
     """Write the page that compares belts, with links to the report of each."""
-    rows = [main_results(belt) for belt in belts]
     title = "Belts " + ", ".join(belt.belt for belt in belts)
-    compared = table("Results", rows, BELTS.split())
+    compared = table("Results", [main_results(belt) for belt in belts], BELTS.split())
     return _rendered(made_from, title, belts, results=belts, compared=compared, links=links)
 
 
@@ -96,10 +95,9 @@ def _rendered(made_from: str, title: str, belts: Sequence[BeltResults], **more: 
         "tabulated": tabulated,
         "notes": _notes,
     }
+    more |= {"title": title, "made_from": made_from, "version": __version__, "charts": CHARTS}
     css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    about = {"css": css, "version": __version__, "made_from": made_from, "title": title}
-    template = environment.get_template("page.html.j2")
-    return template.render(**about, belts=belts, charts=CHARTS, **more) + "\n"
+    return environment.get_template("page.html.j2").render(more, belts=belts, css=css) + "\n"
 
 
 def _forces(values: Sequence[float] | np.ndarray) -> str:
