@@ -49,7 +49,7 @@ def name_and_unit(name: str) -> tuple[str, str]:
     words, unit = name.split("_"), list[str]()
     while len(words) > 1 and words[-1] in UNITS:
         unit.insert(0, UNITS[words.pop()])
-    over = " " if words[-1] == "torque" else "/"
+    over = " " if words[-1].endswith("torque") else "/"
     return " ".join(words), over.join([" ".join(unit[:-1]), unit[-1]] if unit[1:] else unit)
 
 
@@ -104,7 +104,8 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = 
         [text.lstrip("-")[:1] + text[-1:] for text in column] for column in zip(*cells, strict=True)
     ]
     numeric = [all(both.isdigit() or both == MISSING for both in column) for column in ends]
-    heads = [f"{words} [{unit}]" if unit else words for words, unit in map(name_and_unit, chosen)]
+    named = ((words, unit.replace(" ", "\u00a0")) for words, unit in map(name_and_unit, chosen))
+    heads = [f"{words} [{unit}]" if unit else words for words, unit in named]  # units do not wrap
     return Table(title, heads, cells, numeric) if rows else None
 
 
