@@ -147,8 +147,9 @@ class FrictionPart(Part):
     @field_validator("patches")
     @classmethod
     def _of_the_nodes(cls, patches: Any, info: ValidationInfo) -> Any:
-        names = ("normal_force_N_m", "slip_speed_m_s", "mu")
-        nodes: list[Any] = [info.data.get(name) for name in names]
+        nodes: list[Any] = [
+            info.data.get(of) for of in ("normal_force_N_m", "slip_speed_m_s", "mu")
+        ]
         if not all(nodes):
             return patches
         own = FrictionSurface(*nodes).tables().C
@@ -230,16 +231,19 @@ def friction_part(surface: FrictionSurface, method: str, **more: Any) -> Frictio
     """Build the friction part of a law from its surface with its covariance, and other fields."""
     tables, factor = surface.tables(), surface.factor
     values = {
-        **{name: getattr(surface, name) for name in ("normal_force_N_m", "slip_speed_m_s")},
         "method": method,
+        "normal_force_N_m": surface.normal_force_N_m,
+        "slip_speed_m_s": surface.slip_speed_m_s,
         "mu": surface.mu_nodes,
         "mu_u": None if factor is None else surface.mu_nodes * np.linalg.norm(factor, axis=2),
         "mu_se": surface.mu_se_nodes,
         "factor": factor,
         "sources": surface.sources,
-        **dict(
-            zip(("x_nodes", "y_nodes", "f_ref_N_m", "v_ref_m_s", "patches"), tables, strict=True)
-        ),
+        "x_nodes": tables.x_nodes,
+        "y_nodes": tables.y_nodes,
+        "f_ref_N_m": tables.f_ref,
+        "v_ref_m_s": tables.v_ref,
+        "patches": tables.C,
     }
     return FrictionPart.model_validate(plain({**values, **more}))
 

@@ -109,8 +109,7 @@ def reference_point(
             problems.append(
                 f"{option} = {value:g}, must be in the range of mu, {low:.6g} to {high:.6g} {unit}"
             )
-        even = _even(nodes, 3)
-        chosen.append(float(even[even.size // 2]) if value is None else value)
+        chosen.append(float(np.median(_even(nodes, 3))) if value is None else value)
     if problems:
         raise InputError(problems)
     return ReferencePoint(*chosen)

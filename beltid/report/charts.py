@@ -47,7 +47,6 @@ TWO: Final = {"nrows": 2, "sharex": True}  # axes of a chart: one above the othe
 SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
-    "font.size": 10.0,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
     "axes.spines.top": False,
@@ -71,9 +70,9 @@ SETTINGS: Final[Any] = {
 
 def styled(**other: Any) -> Any:
     """Return a context with this style, independent of the user's matplotlib settings."""
-    from matplotlib import style
+    from matplotlib.style import context
 
-    return style.context({**SETTINGS, **other}, after_reset=True)
+    return context({**SETTINGS, **other}, after_reset=True)
 
 
 def group(index: int, **other: Any) -> dict[str, Any]:
@@ -179,7 +178,7 @@ def pictures_of(sheet: Sheet) -> list[Picture]:
 
 def draw(
     axes: Axes,
-    data: Mapping[str, Any] | Sheet,
+    data: Any,
     x: str,
     y: str,
     rows: Any = slice(None),

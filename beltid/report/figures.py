@@ -16,11 +16,10 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report import charts
-from beltid.report.charts import NotDrawn, chart, draw, draw_groups, group
+from beltid.report.charts import SPACE, TWO, NotDrawn, chart, draw, draw_groups, group
 from beltid.report.results import (
     COMPARED,
     HELD_OUT,
-    LABELS,
     SIMULATED,
     SURFACES,
     UNKNOWN,
@@ -32,7 +31,7 @@ from beltid.report.results import (
     series_of,
     settings_of,
 )
-from beltid.report.summary import axis, quantity, scientific, sentence
+from beltid.report.summary import axis, cell, quantity, sentence
 
 MILLI: Final = 1e3
 FORCE, SPEED = "normal_force_N_m", "slip_speed_m_s"
@@ -87,11 +86,9 @@ def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
     """Draw branches of the press, each test and cycle a line of its own."""
     for branch, (dash, colour) in BRANCHES.items():
         of = np.flatnonzero(rows & (curves["branch"] == branch))
-        names, cycles = curves["test"][of].astype(str), np.asarray(curves["cycle"][of])
-        cuts = np.flatnonzero((names[1:] != names[:-1]) | (cycles[1:] != cycles[:-1])) + 1
-        for part in np.split(of, cuts) if of.size else ():
-            own = {"ls": dash, "color": colour, "label": branch, **look}
-            draw_press(axes, curves, rows=part, **own)
+        own = {"ls": dash, "color": colour, "label": branch, **look}
+        for part in series_of(curves["test"][of], curves["cycle"][of].astype(object)).values():
+            draw_press(axes, curves, rows=of[part], **own)
 
 
 @chart("press-law", "The normal contact law (Fig. 5)", "stiffness")
@@ -104,10 +101,8 @@ def _pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     _law(axes, stiffness, row, [-1], ls="none", **look)
     law, unloaded = stiffness.law(row), np.isfinite(stiffness["hysteresis_ratio"][row])
     where = "half-way between loading and unloading" if unloaded else "along the loading"
-    return (
-        f"f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
-        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}."
-    )
+    k_1, k_2 = (cell("k", value) for value in (law.k_linear_N_m2, law.k_quadratic_N_m3))
+    return f"f = k₁ δ + k₂ δ² with k₁ = {k_1} N/m² and k₂ = {k_2} N/m³, per metre of belt, {where}."
 
 
 @chart("press-temperature", "The press at each temperature (Fig. 4)", "stiffness")
@@ -128,7 +123,7 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     return f"{said} No test was unloaded: the energy lost in a cycle is unknown."
 
 
-@chart("run", "Tensions and friction over time (Fig. 10)", "friction", panels=charts.TWO)
+@chart("run", "Tensions and friction over time (Fig. 10)", "friction", panels=TWO)
 def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     curves, (above, below) = _stored(results, "rig_curves"), panels
     stored = np.isin(friction["run"].astype(str), curves["run"].astype(str))
@@ -176,7 +171,7 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
 def _along_arc(axes: Any, friction: Sheet, results: BeltResults) -> str:
     if not results.profiles:
         raise NotDrawn("it needs stiffness.parquet, a surface and a simulated recording")
-    worst, names = 0.0, ("arc_position_m", FORCE)
+    names = ("arc_position_m", FORCE)
     for k, run in enumerate(results.profiles):
         speed = f"v = {MILLI * run[SPEED]:.3g} mm/s"
         label = f"arc {run['arc_deg']:g}°, T₀ = {run['initial_tension_N']:.4g} N, {speed}"
@@ -184,8 +179,8 @@ def _along_arc(axes: Any, friction: Sheet, results: BeltResults) -> str:
         draw(axes, run, *names, **look, label=label)
         draw(axes, {**run, FORCE: run["capstan_force_N_m"]}, *names, **look | {"ls": "--"})
         axes.axhline(run["mean_force_N_m"], color=look["color"], ls=":")
-        worst = max(worst, float(np.max(run[FORCE])) / run["mean_force_N_m"])
     axes.set_ylim(bottom=0.0)
+    worst = max(np.max(run[FORCE]) / run["mean_force_N_m"] for run in results.profiles)
     return (
         "Solid: simulated contact; dashed: Eq. (8); dotted: its mean. The belt's bending stiffness "
         f"makes peaks where it enters and leaves, up to {worst:.2g} times the mean force of the "
@@ -230,7 +225,7 @@ def _columns(rows: Sequence[Mapping[str, Any]], nothing: str) -> dict[str, np.nd
     """Return the columns of a further table; it is not drawn if it is empty."""
     if not rows:
         raise NotDrawn(nothing)
-    return {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "condition"}
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 @chart("friction", "Measured friction of every run (Fig. 12)", "friction")
@@ -309,9 +304,7 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     return "Beyond the box the nearest µ is used." + inferred * (sheet.name == "surface_refined")
 
 
-@chart(
-    "surface-space", "The surface in space (Fig. 13 (a))", *SURFACES, once=True, panels=charts.SPACE
-)
+@chart("surface-space", "The surface in space (Fig. 13 (a))", *SURFACES, once=True, panels=SPACE)
 def _in_space(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     f, v, mu = sampled(sheet, 25, 21)
     axes.figure.set_layout_engine("none")
@@ -382,14 +375,7 @@ def _scatter(sheet: Sheet, means: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.array([np.std(mu, ddof=1) / mu.size**0.5 if mu.size > 1 else np.nan for mu in of])
 
 
-@chart(
-    "differences",
-    "Simulated less measured, run by run",
-    *COMPARED,
-    HELD_OUT,
-    once=True,
-    panels=charts.TWO,
-)
+@chart("differences", "Differences run by run", *COMPARED, HELD_OUT, once=True, panels=TWO)
 def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
     (above, below), compared = panels, results.every(*COMPARED)
     above.figure.set_figheight(TALL)
@@ -403,7 +389,7 @@ def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
         arc, published = one["arc_deg"], one.name == "compare"
         colour = charts.MEASURED if published else charts.SIMULATED
         groups = [
-            (f"{LABELS.get(one.name, 'predicted')}, arc {class_name(arc[rows])}°", rows)
+            (f"{one.label}, arc {class_name(arc[rows])}°", rows)
             for rows in settings_of(arc, len(charts.MARKERS))
         ]
         look = {"ls": "none", "color": colour, "mfc": "none" if published else colour}
@@ -510,9 +496,8 @@ def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         place = centre + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
         axes.annotate(force, tuple(place), color=charts.SIMULATED, **centred)
-    axes.set_aspect("equal")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.margins(0.2)
-    axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.grid(visible=False)
     return (
         f"Point {run}, {abs(speed):.4g} rad/s, largest torque {np.nanmax(torque[rows]):.3g} N m. "
@@ -540,8 +525,8 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
 def _compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     groups = list(by_setting(sheet))
     draw_groups(axes, sheet, "torque_N_m", "loss_predicted_rad_s", groups, marker=None)
-    look = {"ls": "none", "err": "u_measured_rad_s"}
-    draw_groups(axes, sheet, "torque_N_m", "loss_measured_rad_s", groups, **look)
+    measured = ("torque_N_m", "loss_measured_rad_s", groups)
+    draw_groups(axes, sheet, *measured, ls="none", err="u_measured_rad_s")
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "
         "which were not fitted to this recording."

@@ -17,7 +17,7 @@ from beltid.errors import percent, printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
 from beltid.report.charts import CHARTS, inline_svg
 from beltid.report.results import LABELS, BeltResults, Sheet, conditions, main_results, verdict_of
-from beltid.report.summary import Table, between, cell, fact, sentence, table
+from beltid.report.summary import MISSING, Table, between, cell, fact, sentence, table
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES: Final = Path(__file__).parent / "templates"
@@ -46,14 +46,14 @@ MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, fo
 
 def belt_page(results: BeltResults, made_from: str) -> str:
     """Write the page of a belt, made from inputs of this hash; it tells what is missing."""
-    row = main_results(results)
+    row, names = main_results(results), HEAD.split()
     return _rendered(
         made_from,
         f"Belt {results.belt}",
         [results],
         results=results,
         verdict=verdict_of(results),
-        main_results=[fact(name, row[name]) for name in HEAD.split() if row.get(name) is not None],
+        main_results=[of for x in names if (of := fact(x, row.get(x)))[1] != MISSING],
         conditions=conditions(results),
         tiles=list(tiles(results)),
         set_aside=set_aside(results),
@@ -63,9 +63,8 @@ def belt_page(results: BeltResults, made_from: str) -> str:
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> str:
     """Write the page that compares belts, with links to the report of each."""
-    rows = [main_results(belt) for belt in belts]
     title = "Belts " + ", ".join(belt.belt for belt in belts)
-    compared = table("Results", rows, BELTS.split())
+    compared = table("Results", [main_results(belt) for belt in belts], BELTS.split())
     return _rendered(made_from, title, belts, results=belts, compared=compared, links=links)
 
 
@@ -96,10 +95,9 @@ def _rendered(made_from: str, title: str, belts: Sequence[BeltResults], **more: 
         "tabulated": tabulated,
         "notes": _notes,
     }
+    more |= {"title": title, "made_from": made_from, "version": __version__, "charts": CHARTS}
     css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    about = {"css": css, "version": __version__, "made_from": made_from, "title": title}
-    template = environment.get_template("page.html.j2")
-    return template.render(**about, belts=belts, charts=CHARTS, **more) + "\n"
+    return environment.get_template("page.html.j2").render(more, belts=belts, css=css) + "\n"
 
 
 def _forces(values: Sequence[float] | np.ndarray) -> str:

@@ -321,14 +321,12 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
     """
     lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
     if friction := results.get("friction"):
-        radius = friction.pulley_radius_m
         load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
-        speeds = 1e3 * np.abs(friction["slip_speed_m_s"])
         lines += [
-            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
+            ("Pulley radius", _settings(np.array([1e3 * friction.pulley_radius_m]), " mm")),
             ("Contact arcs", _settings(friction["arc_deg"], "°")),
             (load, _settings(friction["nominal_tension_N"], " N")),
-            ("Sliding speeds v", _settings(speeds, " mm/s")),
+            ("Sliding speeds v", _settings(1e3 * np.abs(friction["slip_speed_m_s"]), " mm/s")),
             ("Surface", _joined(friction.columns.get("condition", ()))),
             ("Side of the belt", _joined(friction.columns.get("side", ()))),
             ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),

@@ -21,24 +21,21 @@ GAP: Final = 3  # between two columns
 LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
 Rows = list[dict[str, Any]]
 # parts of the units at the end of public names, as printed
-UNITS: Final = {part: part for part in ("N", "W", "Hz", "kg", "m", "mm", "s", "rad")} | {
-    "m2": "m²",
-    "m3": "m³",
-    "deg": "°",
-    "degC": "°C",
-    "percent": "%",
-}
-# what a column in a chart is, by the beginning of its name: words with symbol, unit, scale
+UNITS: Final = dict(
+    zip(
+        ("N", "W", "Hz", "kg", "m", "mm", "s", "rad", "m2", "m3", "deg", "degC", "percent"),
+        ("N", "W", "Hz", "kg", "m", "mm", "s", "rad", "m²", "m³", "°", "°C", "%"),
+        strict=True,
+    )
+)
+# what a column in a chart is, by a word of its name: words with symbol, unit, scale
 QUANTITIES: Final = {
     "mu": ("friction coefficient µ", "-", 1.0),
-    "normal_force": ("normal force per length", "N/m", 1.0),
-    "line_force": ("normal force per length", "N/m", 1.0),
+    "force": ("normal force per length", "N/m", 1.0),
     "slip_speed": ("sliding speed v", "mm/s", 1e3),
     "penetration": ("penetration δ", "µm", 1e6),
     "torque": ("torque", "N m", 1.0),
-    "speed_loss": ("speed loss", "rad/s", 1.0),
     "loss": ("speed loss", "rad/s", 1.0),
-    "initial_tension": ("belt tension at rest T₀", "N", 1.0),
     "tension": ("tension", "N", 1.0),
     "arc_position": ("position along the arc from the tight side", "mm", 1e3),
     "time": ("time", "s", 1.0),
@@ -52,20 +49,13 @@ def name_and_unit(name: str) -> tuple[str, str]:
     words, unit = name.split("_"), list[str]()
     while len(words) > 1 and words[-1] in UNITS:
         unit.insert(0, UNITS[words.pop()])
-    over = " " if words[-1] == "torque" else "/"
+    over = " " if words[-1].endswith("torque") else "/"
     return " ".join(words), over.join([" ".join(unit[:-1]), unit[-1]] if unit[1:] else unit)
-
-
-def heading(name: str) -> str:
-    """Return the heading of a column: words, and the unit in brackets."""
-    words, unit = name_and_unit(name)
-    unit = unit.replace(" ", "\u00a0")  # do not wrap within a unit
-    return f"{words} [{unit}]" if unit else words
 
 
 def quantity(name: str) -> tuple[str, str, float]:
     """Return words with symbol, unit and scale with which a column stands in charts."""
-    return next(of for stem, of in QUANTITIES.items() if name.startswith(stem))
+    return next(of for word, of in QUANTITIES.items() if word in name)
 
 
 def axis(name: str) -> str:
@@ -114,7 +104,9 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = 
         [text.lstrip("-")[:1] + text[-1:] for text in column] for column in zip(*cells, strict=True)
     ]
     numeric = [all(both.isdigit() or both == MISSING for both in column) for column in ends]
-    return Table(title, [heading(name) for name in chosen], cells, numeric) if rows else None
+    named = ((words, unit.replace(" ", "\u00a0")) for words, unit in map(name_and_unit, chosen))
+    heads = [f"{words} [{unit}]" if unit else words for words, unit in named]  # units do not wrap
+    return Table(title, heads, cells, numeric) if rows else None
 
 
 def between(low: str, high: str) -> str:
@@ -125,13 +117,6 @@ def between(low: str, high: str) -> str:
 def sentence(text: str) -> str:
     """Capitalize the first letter of a text."""
     return text[:1].upper() + text[1:]
-
-
-def scientific(value: float) -> str:
-    """Format a number with its power of ten in superscripts, such as 6.500·10⁷."""
-    mantissa, exponent = f"{value:.3e}".split("e")
-    power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"{mantissa}·10{power}"
 
 
 def _number(name: str, value: float) -> str:

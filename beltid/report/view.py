@@ -62,11 +62,7 @@ VIEWS: Final = {
         "normal_force_N_m mu run initial_tension_N status",
     ),
     "compare": View("simulated less measured friction, relative to measured", RIG, COMPARED),
-    "crossvalidation": View(
-        "friction of runs that were left out, predicted from the others, less measured",
-        RIG,
-        COMPARED,
-    ),
+    "crossvalidation": View("friction of runs left out, predicted less measured", RIG, COMPARED),
     "drive": View(
         "speed loss and forces of a belt drive, predicted from the identified laws",
         "pulley",
@@ -104,10 +100,8 @@ COLUMNS: Final = {
     "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
     "force_high_N_m",
 }
-POOLED: Final = {"temperature_degC": "pooled"}  # the law of all temperatures
 RUNS: Final = "simulated_runs"  # further table that stands for the columns
-# what only other stages and the report read
-FOR_REPORT: Final = ("uncertainty", "laid", "averaged")
+FOR_REPORT: Final = ("uncertainty", "laid", "averaged")  # what only stages and the report read
 
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
@@ -161,7 +155,8 @@ def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
         return grid(Sheet.of(artifact), errors=False)
     if artifact.kind == "stiffness":
         short = [{name: row[name] for name in view.shown.split()} for row in rows]
-        return [{**row, **POOLED} if row["temperature_degC"] is None else row for row in short]
+        pooled = {"temperature_degC": "pooled"}  # the law of all temperatures
+        return [{**row, **pooled} if row["temperature_degC"] is None else row for row in short]
     return _grouped(rows, view.by.split(), view.shown.split()) if len(rows) > FEW else []
 
 
@@ -219,9 +214,11 @@ def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
         "figure": f"{figures[0][1]} ({figures[0][0]})" if figures else None,
         **({"further figures": ", ".join(k for k, _ in figures[1:])} if figures[1:] else {}),
     }
-    made_from = [{"input": name, "sha256": sha} for name, sha in record.inputs.items()]
-    settings = [{"setting": key, "value": value} for key, value in record.settings.items()]
-    tables = {"made from": made_from, "set aside": record.set_aside, "settings": settings}
+    tables: dict[str, Rows] = {
+        "made from": [{"input": name, "sha256": sha} for name, sha in record.inputs.items()],
+        "set aside": record.set_aside,
+        "settings": [{"setting": key, "value": value} for key, value in record.settings.items()],
+    }
     return replace(
         said,
         stage="show",

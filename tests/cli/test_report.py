@@ -23,6 +23,7 @@ def test_units_shown_are_those_of_the_tables() -> None:
             if column.dtype == "float64":
                 expected = spelling.get(column.unit, column.unit)
                 assert name_and_unit(column.name)[1] == expected, (table.kind, column.name)
+    assert name_and_unit("valid torque_N_m") == ("valid torque", "N m")
 
 
 @pytest.mark.parametrize(

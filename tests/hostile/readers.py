@@ -15,7 +15,7 @@ from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law import law_from_text
 from beltid.report.page import provenance, set_aside, tabulated
-from beltid.report.results import BeltResults, Sheet, verdict_of
+from beltid.report.results import BeltResults, Sheet, main_results, verdict_of
 from beltid.report.view import shown_of
 from beltid.stages.inputs import press_law, surface_from
 from beltid.store.artifact import read_artifact
@@ -45,6 +45,7 @@ def _artifact(path: Path) -> object:
         runs_uncertainty_of(artifact.facts)
     results = BeltResults("x", {sheet.name: sheet})
     verdict_of(results)
+    main_results(results)
     set_aside(results)
     provenance(results)
     tabulated(sheet, "budget")
