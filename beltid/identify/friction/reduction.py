@@ -1,16 +1,12 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
-Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced
-is marked with the reason, never dropped.
+Each run is prepared alone (:mod:`prepare`), then all runs are reduced together
+(:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced is marked with
+the reason, never dropped. The sticking peak is not the largest sample, which is the noisiest one:
+the model of the sliding is extrapolated back to where the record joins it after the build-up.
 
-The sticking peak is not the largest sample, which is the noisiest one: the model of the sliding is
-extrapolated back to the time at which the record leaves the build-up and joins the model, which is
-known to one sample.
-
-Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). They show
-neither the tail of a peak nor the zero of a cell. The resolution r of the force replaces the
-scatter: a uniform distribution of this width has the standard deviation ``r / sqrt(12)``.
+Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). The
+resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
 """
 
 from __future__ import annotations

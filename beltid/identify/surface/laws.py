@@ -5,10 +5,8 @@ misfits at the nodes are one mixed model (:mod:`beltid.mixed`),
 
     ln mu - ln law(p) = errors of the nodes + error of the law + scatter,    p ~ N(p_0, s_0²),
 
-with the known covariance of ln mu at the nodes, an error of the law that is correlated between
-nodes, exp(-distance in ln f and ln v), and independent scatter; their sizes follow from the data.
-The priors of the parameters are so wide that they only stop those that the nodes do not show. The
-laws are ranked by their evidence.
+with the known covariance of the nodes, an error of the law that is correlated between nodes, and
+independent scatter; wide priors hold what the nodes do not show. The laws are ranked by evidence.
 """
 
 from __future__ import annotations
