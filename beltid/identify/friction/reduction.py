@@ -201,14 +201,16 @@ def _reduce_together(
     relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
     level, shared, drift = bench.posterior.level, bench.shared, bench.drift
-    cells = cell_errors(runs, records, level, np.sqrt(own), gain_rel, free_at_rest)
-    shared = np.column_stack([shared, cells.shared])
-    y_ses = np.sqrt(own + cells.variance + np.sum(shared**2, axis=1))
+    errors, variance, common, held, notes = cell_errors(
+        runs, records, level, np.sqrt(own), gain_rel, free_at_rest
+    )
+    shared = np.column_stack([shared, common])
+    y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
     for k, (run, record) in enumerate(zip(runs, records, strict=True)):
-        y, y_se = float(level[k] - cells.mean[k]), float(y_ses[k])
+        y, y_se = float(level[k] - errors[k]), float(y_ses[k])
         run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
-        run.notes += (cells.notes[k],) if cells.notes[k] else ()
-        run.held, run.converged = float(cells.held[k]), bench.converged
+        run.notes += (notes[k],) if notes[k] else ()
+        run.held, run.converged = float(held[k]), bench.converged
         run.drift = float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
