@@ -22,17 +22,16 @@ from beltid.identify.estimators import (
     difference_sigma,
     line_columns,
     mad_sigma,
+    median,
     strongest_line,
 )
 from beltid.identify.friction.channels import (
     Rest,
     SlidingPhase,
-    as_if_held,
     find_rotation,
     read_channels,
     rest_state,
     sliding_phase,
-    unswapped,
 )
 from beltid.identify.friction.run import (
     SPANS,
@@ -103,12 +102,24 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     found = f"{rest.imbalance_N:+.4g} N at rest at a mean of {rest.tension_N:.4g} N"
     is_off = abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N
     reject((is_off, f"the cells differ by {found}, allowed is {100 * MAX_IMBALANCE:g} %"))
-    channels, run.swapped = unswapped(channels, rotation)
-    if run.swapped:
+    late = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    sliding_N = channels.tensions[late][channels.usable[late]]
+    reject((len(sliding_N) < 3, f"too short: {len(sliding_N)} usable samples of sliding"))
+    tight, slack = sliding_N.T
+    if median(tight - slack) < 0.0 and np.mean(tight < slack) >= 0.9:
+        reject((bool(record.kind.reversed), record.kind.reversed))
+        run.swapped = True
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-    held = channels if weight is None else as_if_held(channels, rotation)
+        tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
+        channels = replace(channels, tensions=tensions, rounding_N=rounding_N)
+    held = channels
+    if weight is not None:  # tensions of the same ratio, as if both ends were held
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = channels.tensions[:, 0] / channels.tensions.sum(axis=1)
+        of_sum = np.column_stack([share, 1.0 - share])
+        held = replace(channels, tensions=median(np.sum(sliding_N, axis=1)) * of_sum)
     phase = sliding_phase(held, rotation)
     run.take_up_m = R * phase.take_up
     n = phase.time_s.size - phase.slide
