@@ -68,10 +68,6 @@ class Points:
     mu: Array  # friction coefficient [-]
     se: Array  # its standard error [-]
 
-    def take(self, index: NDArray[Any]) -> Points:
-        """Select points by index or mask."""
-        return Points(*(a[index] for a in (self.arc_deg, self.f, self.v, self.mu, self.se)))
-
     @property
     def arc_label(self) -> NDArray[np.intp]:
         """Number of the arc of each run, ascending from 0."""
@@ -132,9 +128,8 @@ def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
     notes = list[str]()
     for k, a in product(range(n_speeds), range(n_arcs)):
         here = (at_arc == a) & (at_speed == k)
-        mine, band = corrected.take(here), points.mu[here]
-        f, mu, se = _without_repetitions(mine)
-        arc, speed = float(mine.arc_deg.mean()), float(speeds[k])
+        band, arc, speed = points.mu[here], float(points.arc_deg[here].mean()), float(speeds[k])
+        f, mu, se = _without_repetitions(points.f[here], corrected.mu[here], corrected.se[here])
         rows[k].append(Curve(arc, speed, f, mu, se, (band.min(), band.max())))
         if repeated := int(here.sum()) - f.size:
             notes.append(
@@ -162,15 +157,15 @@ def _common_range(rows: Rows) -> Range | None:
     return (first, last) if last > first * (1.0 + MIN_RANGE) else None
 
 
-def _without_repetitions(points: Points) -> Array:
+def _without_repetitions(f: Array, mu: Array, se: Array) -> Array:
     """Average repetitions, weighted by their errors if all are known; rows f, mu, se."""
-    label = settings_of(points.f, FORCE_GAP)
-    means = []
-    for same in (points.take(label == k) for k in range(label.max() + 1)):
-        weights = same.se**-2.0 if np.all(same.se > 0.0) else np.ones(same.f.size)
-        weights /= weights.sum()
-        means.append((weights @ same.f, weights @ same.mu, np.sqrt(weights**2 @ same.se**2)))
-    return np.array(means).T
+    label = settings_of(f, FORCE_GAP)
+    known = np.bincount(label, se <= 0.0)[label] == 0.0
+    weights = np.where(known, se, 1.0) ** -2.0
+    weights /= np.bincount(label, weights)[label]
+    variances = np.bincount(label, (weights * se) ** 2)
+    means = (np.bincount(label, weights * x) for x in (f, mu))
+    return np.array([*means, np.sqrt(variances)])
 
 
 def _at_common_speed(
