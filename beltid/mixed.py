@@ -7,15 +7,8 @@ One or several groups r of data (the runs of a bench; all data of a campaign as 
 with a free level l_r of each group, coefficients h that all groups share, and effects (and noise)
 of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_er, K_er = Z_er Z_er'.
 
-=================== ==============================================================================
-:class:`Shared`     columns X with a prior of their coefficients: flat, Gaussian, smooth, of unknown
-                    size, or positive (h = exp q, Laplace's approximation)
-:class:`Own`        columns Z, or a covariance K, of every group by itself; noise is one of them
-:class:`Size`       log-normal prior of a standard deviation s; of no width: a known one
-:class:`Mixed`      data and terms; its `fit` finds the sizes, its `at` takes them as given
-:class:`Posterior`  mean and covariance of the coefficients, levels, evidence
-:func:`relinearised` the same where the data depend on the coefficients in a nonlinear way
-=================== ==============================================================================
+A term is :class:`Shared` or :class:`Own`, with a :class:`Size`; :class:`Mixed` finds the sizes and
+gives a :class:`Posterior`; :func:`relinearised` serves data that are no linear function.
 
 The sizes maximise the restricted likelihood (REML) times their priors, by L-BFGS: with the residual
 e = y - X h, the projection P that takes out the levels, and the covariance C of the coefficients,
@@ -168,10 +161,8 @@ class Mixed:
         self.padding = ~np.any(np.einsum("krii->kri", self.parts), axis=0)[..., None] * np.eye(m)
         self.m0, self.positive = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=bool)
         options = list(product(*(term.choices or [(1.0, 1.0)] for term in self.shared)))
-        self.Q, self.log_prior = (
-            np.zeros((len(options), *2 * self.m0.shape)),
-            np.zeros(len(options)),
-        )
+        self.log_prior = np.zeros(len(options))
+        self.Q = np.zeros((len(options), *2 * self.m0.shape))
         self.sized: list[tuple[slice, Array, int]] = []  # terms whose precision is not in Q
         for term, chosen in zip(self.shared, zip(*options, strict=True), strict=False):
             place, (s, chance) = self.places[term.name], np.transpose(chosen)
@@ -186,12 +177,11 @@ class Mixed:
             )
             if term.size is not None:
                 self.sized.append((place, unit, values.size))
-        sized = [(t.name, t.size) for t in self.shared if t.size is not None]
-        sized += [(t.name, t.size) for t in self.own]
-        self.names = [name for name, _ in sized]
-        self.mid = np.log([size.median for _, size in sized])
-        self.tightness = np.array([1.0 / s.width if s.width > 0.0 else 0.0 for _, s in sized])
-        self.top = np.log([size.largest for _, size in sized])
+        terms: list[Shared | Own] = [*self.shared, *self.own]
+        sized = {t.name: t.size for t in terms if t.size is not None}
+        self.names, sizes = [*sized], sized.values()
+        self.mid, self.top = np.log([(size.median, size.largest) for size in sizes]).T
+        self.tightness = np.array([1.0 / s.width if s.width > 0.0 else 0.0 for s in sizes])
         self.q = np.where(self.positive, self.m0, 0.0)[None]  # modes found last
 
     def without_first(self) -> Mixed:

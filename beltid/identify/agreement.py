@@ -1,12 +1,8 @@
 """Agreement of measured and simulated friction coefficients (paper, section 4, Figs. 16 and 17).
 
 Both sides come from the same reduction. Runs are matched by their settings, compared per arc and
-averaged over arcs, and grouped by normal force, because the paper finds its differences at low and
-high force.
-
-Only runs that a fitted surface has not seen test it (:func:`folds`): all runs of one contact arc,
-or of one speed, are left out together. Beyond the lowest and highest speed the law uses the nearest
-measured value without any claim, so only the speeds in between are left out.
+averaged over arcs, and grouped by normal force. Only runs that a fitted surface has not seen test
+it (:func:`folds`): all runs of one contact arc, or of one speed but the outermost, are left out.
 """
 
 from __future__ import annotations

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAD_TO_SIGMA = 1.482602218505602
-"""Ratio of standard deviation to median absolute deviation, normal distribution."""
-MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
-"""Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
+MAD_TO_SIGMA, MEAN_DEVIATION_TO_SIGMA = 1.482602218505602, 1.2533141373155003
+"""Ratio of standard deviation to median and mean absolute deviation, normal distribution."""
 ROUNDING = 8.0 * np.finfo(float).eps  # deviations up to this, over the largest value, are no noise
 OUTLIER = 6.0  # distance from the median, in robust spreads, beyond which a sample is an outlier
 
@@ -67,11 +65,8 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
 
     Subtracting the mean of a run of n samples lowers all correlations by ``tau/n``; this is
     corrected. From the first lag at which the correlation is within two standard errors of zero,
-    it is assumed to decay exponentially at the same rate as before.
-
-    The runs are evenly spaced samples in time order, shape (n,) each; pairs with a value that is
-    not finite are ignored. tau is in samples, at least 1 (independent); negative correlation does
-    not lower it.
+    it decays at the same rate as before. The runs are evenly spaced samples in time order (n,),
+    not finite where missing. tau is in samples, at least 1 (independent).
     """
     residuals = []
     for values in (np.asarray(run, dtype=float).ravel() for run in runs):
@@ -143,10 +138,9 @@ def running_median(x: Array, window: int) -> Array:
 def difference_sigma(x: Array, order: int = 1) -> float:
     """Estimate the standard deviation of white noise on a slowly changing signal by differencing.
 
-    Differences of some order of the finite samples (n,) remove a polynomial of lower degree: use 2
-    on a ramp. ``1.4826 median |differences|`` is divided by the root of the sum of their squared
-    weights, ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse ADC
-    makes more than half of them zero, it is the root mean square of the smallest 98 %.
+    Differences of some order of the finite samples (n,) remove a polynomial of lower degree: their
+    ``1.4826 median |differences|`` over the root of ``(2 order)! / order!²``; 0 with too few
+    samples. If a coarse ADC makes most of them zero: the root mean square of the smallest 98 %.
     """
     if x.size <= order:
         return 0.0
@@ -164,9 +158,9 @@ COARSEST = 0.1  # largest step of an ADC, over the largest value that it reads
 def resolution(*signals: Array) -> float:
     """Return the largest step of an A/D converter that several signals show; zero if none shows.
 
-    The values of a coarse converter repeat and lie on an even grid through zero, or chatter. Round
-    numbers without noise are no grid: a step is at most :data:`COARSEST` of the largest value.
-    Samples in time order, in one unit, of which zeros and those that are not finite do not count.
+    The values of a coarse converter repeat and lie on an even grid through zero, or chatter; a step
+    is at most :data:`COARSEST` of the largest value. Samples in time order, in one unit, of which
+    zeros and those that are not finite do not count.
     """
     finite = [x[np.isfinite(x) & (x != 0.0)] for x in signals]
     every = np.abs(np.concatenate(finite))
@@ -204,9 +198,8 @@ def _grid(levels: Array) -> float:
 def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
     """Return the standard error of means due to readings in steps; averaging does not lower it.
 
-    It is ``step/sqrt(12)`` without noise; noise before the rounding, here a safe lower estimate
-    from the standard deviation of the readings as recorded, smooths it as
-    ``exp(-2 pi² noise²/step²)``. A step of zero is fine.
+    It is ``step/sqrt(12)`` without noise; noise before the rounding, by the standard deviation of
+    the readings as recorded, smooths it as ``exp(-2 pi² noise²/step²)``. A step of zero is fine.
     """
     scatter, width = np.broadcast_arrays(np.asarray(recorded, float), np.asarray(step, float))
     ratio = np.divide(scatter, width, out=np.full(scatter.shape, np.inf), where=width > 0.0)

@@ -2,10 +2,7 @@
 
 The driven pulley of a loaded drive falls behind the driver: ``omega_loss = driver - ratio driven``,
 by creep, proportional to the torque, until the belt slips grossly. The largest loss without gross
-slip gives the largest sliding speed ``v = omega_loss R`` that the friction rig has to cover. The
-ratio of the pulleys comes from the runs without torque; without such runs it is taken as one.
-
-Runs are short, and the runs of a series use the same sensors: their noise is pooled.
+slip gives the largest sliding speed ``v = omega_loss R`` that the friction rig has to cover.
 """
 
 from __future__ import annotations
@@ -43,9 +40,7 @@ FEWEST_RUNS = 3  # minimum number of runs to determine the creep
 GROSS_OVER_CREEP = 2.0  # a loss beyond this multiple of the creep is gross slip
 GROSS_SLIP_RATIO = 0.05  # and so is one beyond this share of the driver's speed
 SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
-SMALLEST_SHARE = 0.01
-"""Sliding speeds below this share of the largest need no separate runs: the law uses the nearest
-measured coefficient there."""
+SMALLEST_SHARE = 0.01  # sliding speeds below this share of the largest need no separate runs
 PROPOSED = 5  # number of pulley speeds to propose
 SPEED_TOLERANCE = 0.02  # a pulley speed this near still reaches the end of the range
 GAINS = (
@@ -54,9 +49,8 @@ GAINS = (
 )
 BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
 MIN_SAMPLES = 3  # minimum number of usable samples of a run
-NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2
-"""Torque over the largest that counts as zero: below the first, or within its noise and below the
-second."""
+NO_LOAD_SHARE = 0.01  # torque over the largest that counts as zero
+MOST_NOISE = 0.2  # the same, if it is within its noise
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
 STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
 OK = "ok"
@@ -84,12 +78,11 @@ def gross_slip(
     The creep [rad/s per N m] of a driver speed and tension is the median loss per torque of the
     less loaded runs, at least three.
     """
-    settings = np.stack([snap_to_settings(x, SAME_SETTING) for x in (speed, tension)])
     # all unknown values form one setting
-    _, series = np.unique(np.nan_to_num(settings, nan=-1.0), axis=1, return_inverse=True)
+    settings = np.nan_to_num([snap_to_settings(x, SAME_SETTING) for x in (speed, tension)], nan=-1)
+    _, series = np.unique(settings, axis=1, return_inverse=True)
     gross = loss > GROSS_SLIP_RATIO * speed
-    for k in range(int(series.max()) + 1):
-        rows = series == k
+    for rows in (series == k for k in range(int(series.max()) + 1)):
         good = rows & usable & np.isfinite(torque)
         largest = float(np.max(torque[good], initial=0.0))
         loaded = np.flatnonzero(good & (torque > 0.05 * largest))
@@ -144,14 +137,18 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     notes = _cut_to_speed(labels, runs)
     one = np.zeros(labels.size, dtype=np.intp)
     tension, torque, speed, driven = (pooled_means(runs[name], one)[0] for name in COLUMNS)
-    series = _series(speed)
+    # the runs of one speed have the same noise, all runs if any speed has too few
+    series = settings_of(np.abs(speed), SAME_SETTING)
+    if not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS:
+        series = one
     torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
-    scatters = (
-        [np.nanstd(x) if np.isfinite(x).any() else 0.0 for x in runs[name]]
-        for name in (DRIVER, DRIVEN)
-    )
-    rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
+    rounding = [
+        rounding_of_mean(
+            [np.std(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in of_runs], step
+        )
+        for of_runs in (runs[DRIVER], runs[DRIVEN])
+    ]
     with np.errstate(divide="ignore", invalid="ignore"):
         quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     ratios, scatter = pooled_means(quotients, series)
@@ -160,8 +157,14 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     noise = np.fmin(2.0 * torque_se, MOST_NOISE * most)
     idle = (size <= np.fmax(NO_LOAD_SHARE * most, noise)) & np.isfinite(scatter)
     if idle.any():
-        coarse = np.hypot(rounding[0], ratios * rounding[1]) / np.abs(driven)
-        ratio, ratio_se = _weighted(ratios[idle], scatter[idle], coarse[idle])
+        coarse = np.hypot(rounding[0], ratios * rounding[1])[idle] / np.abs(driven[idle])
+        weights = 1.0 / np.maximum(scatter[idle] ** 2 + coarse**2, 1e-30)
+        weights /= weights.sum()
+        ratio = float(weights @ ratios[idle])
+        # errors of rounding may be equal in all runs
+        ratio_se = math.hypot(
+            float(np.linalg.norm(weights * scatter[idle])), float(weights @ coarse)
+        )
         text = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
         of_ratio = [text] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
     else:
@@ -231,21 +234,6 @@ def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
             shortened.append(label)
     named = ", ".join(shortened)
     return [f"samples before the driver is up to its speed left out: {named}"] if named else []
-
-
-def _series(speed: Array) -> NDArray[np.intp]:
-    """Number the series of runs by speed [rad/s]; one of all runs if any speed has too few."""
-    series = settings_of(np.abs(speed), SAME_SETTING)
-    one = not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS
-    return np.zeros_like(series) if one else series
-
-
-def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, float]:
-    """Return the weighted mean and its standard error; errors of rounding may be equal in all."""
-    weights = 1.0 / np.maximum(scatter**2 + coarse**2, 1e-30)
-    weights /= weights.sum()
-    se = math.hypot(float(np.linalg.norm(weights * scatter)), float(weights @ coarse))
-    return float(weights @ values), se
 
 
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:

@@ -309,17 +309,6 @@ from run to run (relative)."""
 NOTED = 0.003  # ratio of correction to initial tension above which a note mentions it
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CellErrors:
-    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,)."""
-
-    mean: Array  # correction to subtract
-    variance: Array  # of its part that is independent between runs
-    shared: Array  # standard deviation of its part that all runs share, with its sign
-    held: Array  # difference at rest that zeros and gains do not explain, as a share of the tension
-    notes: tuple[str, ...]  # note to the user on each run; empty if there is none
-
-
 def cell_errors(
     runs: Sequence[RunReduction],
     records: Sequence[SlidingRecord],
@@ -327,12 +316,14 @@ def cell_errors(
     level_se: Array,
     gain_rel: float = 2e-3,
     free_at_rest: bool = False,
-) -> CellErrors:
+) -> tuple[Array, Array, Array, Array, list[str]]:
     """Estimate the errors (S4) of runs with their rest and their sliding.
 
     `level` and `level_se` (R,) are ln(T_tight/T_slack) while sliding and its standard error,
     `gain_rel` the stated standard uncertainty of the gain of a cell; the belt may be `free_at_rest`
-    of friction.
+    of friction. Returns, of ln(T_tight/T_slack), the correction to subtract, the variance of its
+    part that is independent between runs, the standard deviation, with sign, of what all share; the
+    difference at rest that zeros and gains do not explain, as a share of the tension; notes (R,).
     """
     T, D, se = np.array(
         [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
@@ -373,13 +364,10 @@ def cell_errors(
     zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
     columns = np.column_stack([slopes @ root(posterior.covariance), q_common * zero_size])
     mean = d * (q * zeros + gain)
-    return CellErrors(
-        mean=mean,
-        variance=own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2),
-        shared=np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1),
-        held=(D - d * (zeros + gain * T)) / T,
-        notes=tuple(_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)),
-    )
+    variance = own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2)
+    common = np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1)
+    notes = [_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)]
+    return mean, variance, common, (D - d * (zeros + gain * T)) / T, notes
 
 
 def _gain_by_directions(

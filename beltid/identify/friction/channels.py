@@ -181,33 +181,6 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
     return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
-def _second_half(channels: RunRecord, rotation: Rotation) -> Array:
-    """Return the usable tensions (n, 2) of the second half of the time at full speed."""
-    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
-    tensions = channels.tensions[half][channels.usable[half]]
-    reject((len(tensions) < 3, f"too short: {len(tensions)} usable samples of sliding"))
-    return tensions
-
-
-def unswapped(channels: RunRecord, rotation: Rotation) -> tuple[RunRecord, bool]:
-    """Swap the cells if the slack one reads more throughout; `RunRejected` if none were swapped."""
-    tight, slack = _second_half(channels, rotation).T
-    if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
-        return channels, False
-    reject((bool(channels.kind.reversed), channels.kind.reversed))
-    tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
-    return replace(channels, tensions=tensions, rounding_N=rounding_N), True
-
-
-def as_if_held(channels: RunRecord, rotation: Rotation) -> RunRecord:
-    """Return tensions of the same ratio with the median of their sum, as if both ends were held."""
-    sum_N = median(_second_half(channels, rotation).sum(axis=1))
-    tight, slack = channels.tensions.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = tight / (tight + slack)
-    return replace(channels, tensions=sum_N * np.column_stack([share, 1.0 - share]))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingPhase:
     """Usable samples of a run until the pulley stops, and the start of the sliding."""

@@ -22,17 +22,16 @@ from beltid.identify.estimators import (
     difference_sigma,
     line_columns,
     mad_sigma,
+    median,
     strongest_line,
 )
 from beltid.identify.friction.channels import (
     Rest,
     SlidingPhase,
-    as_if_held,
     find_rotation,
     read_channels,
     rest_state,
     sliding_phase,
-    unswapped,
 )
 from beltid.identify.friction.run import (
     SPANS,
@@ -103,12 +102,24 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     found = f"{rest.imbalance_N:+.4g} N at rest at a mean of {rest.tension_N:.4g} N"
     is_off = abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N
     reject((is_off, f"the cells differ by {found}, allowed is {100 * MAX_IMBALANCE:g} %"))
-    channels, run.swapped = unswapped(channels, rotation)
-    if run.swapped:
+    late = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    sliding_N = channels.tensions[late][channels.usable[late]]
+    reject((len(sliding_N) < 3, f"too short: {len(sliding_N)} usable samples of sliding"))
+    tight, slack = sliding_N.T
+    if median(tight - slack) < 0.0 and np.mean(tight < slack) >= 0.9:
+        reject((bool(record.kind.reversed), record.kind.reversed))
+        run.swapped = True
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-    held = channels if weight is None else as_if_held(channels, rotation)
+        tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
+        channels = replace(channels, tensions=tensions, rounding_N=rounding_N)
+    held = channels
+    if weight is not None:  # tensions of the same ratio, as if both ends were held
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = channels.tensions[:, 0] / channels.tensions.sum(axis=1)
+        of_sum = np.column_stack([share, 1.0 - share])
+        held = replace(channels, tensions=median(np.sum(sliding_N, axis=1)) * of_sum)
     phase = sliding_phase(held, rotation)
     run.take_up_m = R * phase.take_up
     n = phase.time_s.size - phase.slide
@@ -207,7 +218,11 @@ def sliding_record(
     built_m = R * float(phase.angle[phase.built])
     before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
     since_end = R * phase.angle - built_m / 0.9
-    onset = _onset(phase.time_s[before], since_end[before], phase.tensions[before])
+    # the record before the sliding, at a resolution that shows the sticking peak
+    taut = np.where(phase.tensions[before] > 0.0, phase.tensions[before], np.nan)
+    rise = np.column_stack([phase.time_s[before], since_end[before], np.log(taut) @ [1.0, -1.0]])
+    rise = rise[-20 * ONSET :]
+    onset = block_means(rise, np.arange(0, len(rise), max(-(-len(rise) // ONSET), 1))).T
     t, tensions = phase.time_s[after], phase.tensions[after]
     travel = np.maximum(since_end[after], 0.0)
     smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
@@ -225,6 +240,9 @@ def sliding_record(
     residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
     tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
     relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
+    section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
+    sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
+    scatters = [_about_line(t[of], residual[of]) for of in sections if of.size >= 8]
     starts = block_starts(n)
     return SlidingRecord(
         first_s=t[starts],
@@ -244,29 +262,11 @@ def sliding_record(
         noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
         rounding=float(np.linalg.norm(rounding_N / level)),
         ripple_N=float(np.linalg.norm(tight_waves[:2])),
-        unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
+        unrest_N=float(np.median(scatters or 0.0)) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
         zero_shifts=zero_shifts,
         weight=weight,
     )
-
-
-def _onset(t: Array, travel: Array, tensions: Array) -> Array:
-    """Average the record before the sliding, at a resolution that shows the sticking peak."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.log(tensions[:, 0] / tensions[:, 1])
-    z[~np.all(tensions > 0.0, axis=1)] = np.nan
-    record = np.column_stack([t, travel, z])[-20 * ONSET :]
-    starts = np.arange(0, len(record), max(-(-len(record) // ONSET), 1))
-    return block_means(record, starts).T
-
-
-def _section_scatter(t: Array, x: Array, length_s: float) -> float:
-    """Return the median scatter about a straight line over sections as long as the rest phase."""
-    ends = np.flatnonzero(np.diff(np.floor((t - t[0]) / max(length_s, 1e-9)))) + 1
-    sections = zip(np.split(t, ends), np.split(x, ends), strict=True)
-    scatters = [_about_line(dt, y) for dt, y in sections if dt.size >= 8]
-    return float(np.median(scatters)) if scatters else 0.0
 
 
 def _about_line(t: Array, x: Array) -> float:
@@ -291,20 +291,17 @@ def _smooth_course(
     t: Array, tensions: Array, travel: Array, rounding_N: Array
 ) -> tuple[Array, list[float], Mask]:
     """Return the smooth tensions (n, 2), the frequencies of the ripples and the usable samples."""
-    reach = max(float(travel[-1] - travel[0]), 1e-9)
     x = travel - travel[0]
-    decays = np.exp(-x[:, None] / (reach * np.array([0.01, 0.04, 0.15, 0.6])))
-    columns = np.column_stack([np.ones(t.size), decays])
-    kept = np.ones(t.size, dtype=bool)
-    lines: list[float] = []
+    reach = max(float(x[-1]), 1e-9)
+    columns = np.exp(-x[:, None] / (reach * np.array([np.inf, 0.01, 0.04, 0.15, 0.6])))
+    kept, lines = np.ones(t.size, dtype=bool), list[float]()
     level = np.abs(np.median(tensions, axis=0))
     # a coarse converter may repeat one value: its rounding must not count as an outlier
     floor = np.maximum(NOISE_FLOOR * level, rounding_N)
     # a weak prior keeps neighbouring decays from cancelling each other
-    ridge = np.diag([0.0, *([0.03] * decays.shape[1])]) * np.sqrt(t.size)
+    ridge = np.diag([0.0, 0.03, 0.03, 0.03, 0.03]) * np.sqrt(t.size)
     for _ in range(LINES + 2):
-        waves = [line_columns(t - t[0], frequency) for frequency in lines]
-        design = np.hstack([columns, *waves])
+        design = np.hstack([columns, *(line_columns(t - t[0], frequency) for frequency in lines)])
         prior = np.pad(ridge, ((0, 0), (0, 2 * len(lines))))
         system = np.vstack([design[kept], prior])
         target = np.pad(tensions[kept], ((0, len(prior)), (0, 0)))
@@ -326,9 +323,7 @@ def _ripple(t: Array, residual: Array, design: Array) -> float | None:
     """Find the frequency of a ripple that stands out from the whitened residuals."""
     if t.size < 24 or float(np.max(np.abs(residual))) < 1e-9:
         return None
-    basis = np.linalg.qr(design)[0]
-    memory = [float(np.clip(r[1:] @ r[:-1] / (r @ r), 0.0, 0.98)) for r in residual.T]
+    memory = np.sum(residual[1:] * residual[:-1], axis=0) / np.sum(residual**2, axis=0)
     white = residual.copy()
-    white[1:] -= residual[:-1] * memory
-    white /= np.std(white, axis=0)
-    return strongest_line(t, white, basis)
+    white[1:] -= residual[:-1] * np.clip(memory, 0.0, 0.98)
+    return strongest_line(t, white / np.std(white, axis=0), np.linalg.qr(design)[0])

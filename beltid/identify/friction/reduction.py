@@ -1,16 +1,12 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
-Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced
-is marked with the reason, never dropped.
+Each run is prepared alone (:mod:`prepare`), then all runs are reduced together
+(:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced is marked with
+the reason, never dropped. The sticking peak is not the largest sample, which is the noisiest one:
+the model of the sliding is extrapolated back to where the record joins it after the build-up.
 
-The sticking peak is not the largest sample, which is the noisiest one: the model of the sliding is
-extrapolated back to the time at which the record leaves the build-up and joins the model, which is
-known to one sample.
-
-Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). They show
-neither the tail of a peak nor the zero of a cell. The resolution r of the force replaces the
-scatter: a uniform distribution of this width has the standard deviation ``r / sqrt(12)``.
+Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). The
+resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
 """
 
 from __future__ import annotations
@@ -176,7 +172,8 @@ def reduce_records(
     prepared = [prepare_run(record, R) for record in records]
     sliding = [(run, record) for run, record in prepared if record is not None]
     if sliding:
-        _reduce_together(sliding, R, gain_rel, free_at_rest)
+        of_runs, of_records = zip(*sliding, strict=True)
+        _reduce_together(of_runs, of_records, R, gain_rel, free_at_rest)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
     at_rest = [run for run, _ in prepared if np.isnan(run.momentum_N)]
@@ -189,25 +186,31 @@ def reduce_records(
 
 
 def _reduce_together(
-    sliding: Sequence[tuple[RunReduction, SlidingRecord]],
+    runs: Sequence[RunReduction],
+    records: Sequence[SlidingRecord],
     R: float,
     gain_rel: float,
     free_at_rest: bool,
 ) -> None:
     """Reduce all sliding runs of a bench together."""
-    runs, records = zip(*sliding, strict=True)
-    rests = [record.rest for record in records]
-    bench, relaxed = fit_bench(records), 1.0 + _relaxation(rests)
+    bench, rests = fit_bench(records), [record.rest for record in records]
+    # relative change of the tension from the mean over the rest to its end
+    change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
+    weight = np.maximum([rest.end_se_N / rest.tension_N for rest in rests], 1e-7) ** -2.0
+    relaxed = float(np.average(change, weights=weight)) if weight.any() else 0.0
+    relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
     level, shared, drift = bench.posterior.level, bench.shared, bench.drift
-    cells = cell_errors(runs, records, level, np.sqrt(own), gain_rel, free_at_rest)
-    shared = np.column_stack([shared, cells.shared])
-    y_ses = np.sqrt(own + cells.variance + np.sum(shared**2, axis=1))
-    for k, (run, record) in enumerate(sliding):
-        y, y_se = float(level[k] - cells.mean[k]), float(y_ses[k])
-        run.initial_tension_N = rests[k].tension_N * relaxed
-        run.notes += (cells.notes[k],) if cells.notes[k] else ()
-        run.held, run.converged = float(cells.held[k]), bench.converged
+    errors, variance, common, held, notes = cell_errors(
+        runs, records, level, np.sqrt(own), gain_rel, free_at_rest
+    )
+    shared = np.column_stack([shared, common])
+    y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
+    for k, (run, record) in enumerate(zip(runs, records, strict=True)):
+        y, y_se = float(level[k] - errors[k]), float(y_ses[k])
+        run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
+        run.notes += (notes[k],) if notes[k] else ()
+        run.held, run.converged = float(held[k]), bench.converged
         run.drift = float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
@@ -215,22 +218,10 @@ def _reduce_together(
             reject((not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]"))
             _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
             _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
+            run.status = "ok"
+            run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
         except RunRejected as reason:
             run.status = str(reason)
-            continue
-        run.status = "ok"
-        run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
-
-
-def _relaxation(rests: Sequence[Rest]) -> float:
-    """Estimate the relative change of the tension from the mean over the rest to its end."""
-    change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
-    error = np.array([rest.end_se_N / rest.tension_N for rest in rests])
-    weight = 1.0 / np.maximum(error, 1e-7) ** 2  # none where the error is infinite
-    if not weight.any():
-        return 0.0
-    mean = float(np.average(change, weights=weight))
-    return mean * mean**2 / (mean**2 + 1.0 / float(np.sum(weight)))
 
 
 def _set_plateau(
@@ -241,7 +232,11 @@ def _set_plateau(
     start = int(unsettled[-1]) + 1 if unsettled.size else 0
     count, temperature = record.count[start:], record.temperature[start:]
     if record.weight is None:
-        mean = _mean_level(record, tail, start, y)
+        # of the geometric mean of both tensions, without the tail
+        x = record.count * (tail - np.average(tail, weights=record.count))
+        prior = (0.5 * record.noise_N * record.sensitivity / 0.3) ** 2
+        factor = (x @ record.log_mean - 0.5 * prior * np.tanh(0.5 * y)) / (x @ tail + prior)
+        mean = np.average(record.log_mean[start:] - factor * tail[start:], weights=count)
         tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
     elif record.weight == "tight":
         tight, slack = run.initial_tension_N, run.initial_tension_N * np.exp(-y)
@@ -274,18 +269,6 @@ def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator
             f"that the rest phase cannot exclude: {3.0 * rest_s:.2g} s at rest instead of "
             f"{rest_s:.2g} s would reduce it to a fifth"
         )
-
-
-def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> float:
-    """Compute ln of the geometric mean of both tensions [N] on the plateau, without the tail."""
-    weight = record.count
-    x = tail - np.average(tail, weights=weight)
-    noise = 0.5 * record.noise_N * record.sensitivity
-    prior = (noise / 0.3) ** 2
-    factor = (weight * x) @ record.log_mean - prior * 0.5 * np.tanh(0.5 * y)
-    factor /= (weight * x) @ x + prior
-    level = record.log_mean[start:] - factor * tail[start:]
-    return float(np.average(level, weights=weight[start:]))
 
 
 def _check_fit(

@@ -264,9 +264,7 @@ class RunReduction:
     tension_tight_N: float = NAN  # of the plateau, without ripple and tail of the peak
     tension_slack_N: float = NAN
     mu_sliding: float = NAN  # Eq. (6) of the two plateau tensions
-    mu_sliding_se: float = NAN
-    """Standard deviation, from the noise of the record and its correlation, the shape of the tail,
-    drift and the cells; includes errors common to all runs."""
+    mu_sliding_se: float = NAN  # its standard deviation, with errors common to all runs
     mu_sticking: float = NAN  # peak of mu at the end of the build-up; nan if it is not resolved
     mu_sticking_se: float = NAN
     normal_force_N_m: float = NAN  # closed mean of Eq. (8) over the arc
@@ -278,16 +276,14 @@ class RunReduction:
     imbalance_se_N: float = NAN
     held: float = NAN  # imbalance that the cells do not explain, over the initial tension
     rest_N: tuple[float, float] = (NAN, NAN)  # readings of the tight and the slack span at rest
-    take_up_m: float = NAN
-    """Travel of the pulley's surface during the build-up; nan if the record does not resolve it."""
+    take_up_m: float = NAN  # travel of the pulley's surface during the build-up; nan if unresolved
     start_time_s: float = NAN  # first sample at which the pulley turns
     peak_time_s: float = NAN  # time of the sticking peak
     plateau_start_s: float = NAN
     plateau_end_s: float = NAN
     n_spikes: int = 0  # samples of either channel excluded as spikes
     n_missing: int = 0  # samples without a usable tension
-    drift: float = NAN
-    """Relative change of mu by drift over the sliding phase, as far as the noise allows."""
+    drift: float = NAN  # relative change of mu by drift over the sliding phase
     shared_tail: float = NAN
     """Changes of ln mu by one standard deviation of errors common to all runs: the tail shape, a
     drift of the cells, zeros and gains of the cells."""

@@ -33,7 +33,7 @@ MIN_SAMPLES = 20  # minimum number of usable samples of a test
 SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
-MIN_FORCE_OVER_NOISE = 10.0  # rise of the force over its noise that proves contact
+MIN_OVER_NOISE = 10.0  # rise of the force, and travel, over the noise that prove contact
 CONTACT_SHARE = 0.01
 """Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
 one and the belt may stick to the plate or stay compressed."""
@@ -151,7 +151,18 @@ def _read_test(
     force_sign, travel_sign = _signs(*samples)
     travel, force = samples * [[travel_sign], [force_sign]]
     noise = difference_sigma(force, 2)
-    _require_contact(travel, force, noise)
+    rise = float(np.max(force) - np.quantile(force, 0.01))
+    if rise <= MIN_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
+        raise InputError(
+            f"no contact found: the force rises by {rise:.3g} N over a noise of {noise:.3g} N, "
+            f"must be more than {MIN_OVER_NOISE:g} times the noise"
+        )
+    travelled, shakes = spread(travel), difference_sigma(travel, 2)
+    if travelled <= MIN_OVER_NOISE * shakes:
+        raise InputError(
+            f"the crosshead moves by {travelled * 1e3:.3g} mm with a noise of {shakes * 1e3:.3g} "
+            f"mm, must move by more than {MIN_OVER_NOISE:g} times its noise"
+        )
     _require_range(travel, force)
     zero, zero_se, end = _zero(travel, force, noise)
     after = force[int(np.flatnonzero(travel > np.max(travel[:end]))[-1]) + 1 :]
@@ -216,22 +227,6 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
     return force_sign, -1.0 if falls else 1.0
 
 
-def _require_contact(travel: Array, force: Array, noise: float) -> None:
-    """Raise `InputError` if force or travel do not rise above their noise."""
-    rise = float(np.max(force) - np.quantile(force, 0.01))
-    if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
-        raise InputError(
-            f"no contact found: the force rises by {rise:.3g} N over a noise of {noise:.3g} N, "
-            f"must be more than {MIN_FORCE_OVER_NOISE:g} times the noise"
-        )
-    travelled, noise = spread(travel), difference_sigma(travel, 2)
-    if travelled <= 10.0 * noise:
-        raise InputError(
-            f"the crosshead moves by {travelled * 1e3:.3g} mm with a noise of {noise * 1e3:.3g} "
-            "mm, must move by more than ten times its noise"
-        )
-
-
 def _require_range(travel: Array, force: Array) -> None:
     """Raise `InputError` if the force stays at its largest value while the plate moves on."""
     limit, level = float(np.max(force)), _start_level(force)
@@ -285,22 +280,15 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
 
     A return above the threshold, in the unit of `travel`, counts: more than noise and creep.
     """
-    turns: list[int] = []
-    low = high = direction = 0
+    turns, extreme, way = [0], 0, 0.0
     for i, x in enumerate(travel.tolist()):
-        if x > travel[high]:
-            high = i
-        if x < travel[low]:
-            low = i
-        if direction >= 0 and travel[high] - x > threshold:
-            turns.append(high)
-            direction, low = -1, i
-        elif direction <= 0 and x - travel[low] > threshold:
-            turns.append(low)
-            direction, high = 1, i
-    end = high if direction > 0 else low if direction < 0 else travel.size - 1
-    start = [] if turns[:1] == [0] else [0]
-    return np.array([*start, *turns, end], dtype=np.intp)
+        ahead = x - float(travel[extreme])
+        if way * ahead > 0.0 or (way == 0.0 and abs(ahead) > threshold):
+            extreme, way = i, math.copysign(1.0, ahead)
+        elif way != 0.0 and abs(ahead) > threshold:
+            turns.append(extreme)
+            extreme, way = i, -way
+    return np.array([*turns, extreme], dtype=np.intp)
 
 
 def find_cycles(travel: Array, force: Array) -> dict[int, tuple[slice, ...]]:

@@ -6,15 +6,11 @@ branches of test j, in contact from p_j on, is
     f(x) = (1 + v_j + theta (T_j - T_ref)) F(y) + b(y) + c_j + e,      y = x - p_j,
     F(y) = k_linear y + k_quadratic y²,
 
-with free contact points p_j; the loop of the belt is odd and leaves the middle. Random effects, of
-sizes that the data tell: v_j of the belt segment; the slope theta over the temperature; the misfit
-b of the law, a smooth process that all tests share, in proportion to sqrt(F F_top); e, white and
-correlated along the curve. Of known size are the zero c_j of the load cell, and a share of what
-reversals of the crosshead may add, where the branches separate gradually. If the belt was never
-unloaded, half the loop is an unknown share of the force.
-
-Hysteresis is no error of the law; see ``hysteresis_ratio`` and ``rms_residual_N_m``. What no press
-recording shows (virgin rubber, another rate of loading) is for the user to state.
+with free contact points p_j. Random effects, of sizes that the data tell: v_j of the belt segment;
+the slope theta over the temperature; the misfit b of the law, a smooth process that all tests
+share; e, white and correlated along the curve. Of known size are the zero c_j of the load cell, and
+a share of what reversals of the crosshead may add, where the branches separate gradually. If the
+belt was never unloaded, half the loop is an unknown share of the force.
 """
 
 from __future__ import annotations

@@ -5,10 +5,8 @@ misfits at the nodes are one mixed model (:mod:`beltid.mixed`),
 
     ln mu - ln law(p) = errors of the nodes + error of the law + scatter,    p ~ N(p_0, s_0²),
 
-with the known covariance of ln mu at the nodes, an error of the law that is correlated between
-nodes, exp(-distance in ln f and ln v), and independent scatter; their sizes follow from the data.
-The priors of the parameters are so wide that they only stop those that the nodes do not show. The
-laws are ranked by their evidence.
+with the known covariance of the nodes, an error of the law that is correlated between nodes, and
+independent scatter; wide priors hold what the nodes do not show. The laws are ranked by evidence.
 """
 
 from __future__ import annotations
@@ -101,23 +99,21 @@ class FrictionLaws:
     @property
     def verdict(self) -> str:
         """The recommended formula in plain words; none if all fit poorly."""
-        closest = min(self.fits, key=lambda fit: fit.rms_misfit)
+        best, coulomb = self.best, self.fits[0]
         if all(fit.law_error > NO_LAW for fit in self.fits):
+            closest = min(self.fits, key=lambda fit: fit.rms_misfit)
             return (
                 "None of the fitted formulas holds over the whole range: the closest, "
                 f"{closest.law}, misses by {closest.misses}; take the surface itself, or a part of "
                 "the range."
             )
-        best = self.best
         text = (
             f"Best formula: {best.law}, {best.formula} (f in N/m, v in m/s), misfit {best.misses}"
         )
         if not best.determined:
             text += "; not all of its parameters are determined: use it within the measured range"
-        equal = [f.law for f in self.fits if f is not best and f.criterion < AS_GOOD]
-        if equal:
+        if equal := [f.law for f in self.fits if f is not best and f.criterion < AS_GOOD]:
             text += f"; {', '.join(equal)} {'does' if len(equal) == 1 else 'do'} as well"
-        coulomb = self.fits[0]
         if best is not coulomb:
             text += f". A constant coefficient misses by {coulomb.misses}"
         return text + "."

@@ -5,30 +5,24 @@ over the range that it covers at all speeds. Simulations use the average over th
 is a grid if each arc was measured at each speed, and some arc covers the same forces at each.
 
 Some arcs end before others at low and at high force (Eq. 8). So that the mean does not jump there,
-an arc is continued beyond its last point *parallel* to the mean of the arcs that go on. Only
-measured arcs count in ``n_arcs``, and every node is limited to the range of the friction
-coefficients of all runs at its speed.
+an arc is continued *parallel* to the mean of the arcs that go on. Only measured arcs count in
+``n_arcs``, and every node is limited to the coefficients of all runs at its speed.
 
-Standard error: arcs are a sample of contact lengths. With ``n`` measured arcs
+Arcs are a sample of contact lengths. The standard error with ``n`` measured arcs is
 
     se² = sum(se_arc²) / n² + t² tau² mu² / n
 
-``tau`` is the relative spread between arcs beyond what the errors of the runs explain, by moments
-over all speeds at the same force (the nearest such force where most arcs have ended); Student's t
-at a probability of 68 % widens it, since an arc may differ by one factor at all speeds. The first
-part acts on nodes of a speed through the splines; the second on all nodes.
+with the relative spread ``tau`` between arcs beyond what the errors of the runs explain, by moments
+over all speeds at the same force, and Student's t at a probability of 68 %.
 
-Runs that are no grid may have a different tension and speed each, or lack some combinations. Then
-ln mu is a tensor product of cubic B-splines over (ln f, ln v) whose second differences have an
-unknown size (P-splines), with an effect of each arc and errors of the runs, of unknown sizes. It is
-tabulated at speeds of which each is near a run, and each run near one.
+Runs that are no grid have one smooth surface (P-splines over ln f, ln v): docs/theory.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -74,10 +68,6 @@ class Points:
     mu: Array  # friction coefficient [-]
     se: Array  # its standard error [-]
 
-    def take(self, index: NDArray[Any]) -> Points:
-        """Select points by index or mask."""
-        return Points(*(a[index] for a in (self.arc_deg, self.f, self.v, self.mu, self.se)))
-
     @property
     def arc_label(self) -> NDArray[np.intp]:
         """Number of the arc of each run, ascending from 0."""
@@ -88,8 +78,7 @@ class Points:
 class Curve:
     """Friction coefficient over normal force for one arc at one speed.
 
-    The curve is a natural cubic spline of ln mu over ln f through its points, bounded like the
-    friction surface. It fits power laws exactly and does not smooth, as the arcs are averaged.
+    A natural cubic spline of ln mu over ln f through its points, bounded like the surface.
     """
 
     arc_deg: float
@@ -135,21 +124,18 @@ def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
         return None
     speeds = np.array([v.mean() for v in groups])
     corrected = _at_common_speed(points, at_speed, speeds, at_arc)
-    rows, notes = [], []
-    for k, speed in enumerate(speeds):
-        row = []
-        for a in range(n_arcs):
-            here = (at_arc == a) & (at_speed == k)
-            mine = corrected.take(here)
-            f, mu, se = _without_repetitions(mine)
-            arc, band = float(mine.arc_deg.mean()), points.mu[here]
-            row.append(Curve(arc, float(speed), f, mu, se, (band.min(), band.max())))
-            if repeated := int(here.sum()) - f.size:
-                notes.append(
-                    f"arc {arc:g}°, {speed:.4g} m/s: {repeated} runs repeat the force of another "
-                    "and were averaged with it"
-                )
-        rows.append(row)
+    rows: list[list[Curve]] = [[] for _ in speeds]
+    notes = list[str]()
+    for k, a in product(range(n_speeds), range(n_arcs)):
+        here = (at_arc == a) & (at_speed == k)
+        band, arc, speed = points.mu[here], float(points.arc_deg[here].mean()), float(speeds[k])
+        f, mu, se = _without_repetitions(points.f[here], corrected.mu[here], corrected.se[here])
+        rows[k].append(Curve(arc, speed, f, mu, se, (band.min(), band.max())))
+        if repeated := int(here.sum()) - f.size:
+            notes.append(
+                f"arc {arc:g}°, {speed:.4g} m/s: {repeated} runs repeat the force of another "
+                "and were averaged with it"
+            )
     force = _common_range(rows)
     return None if force is None else (rows, force, notes)
 
@@ -171,15 +157,15 @@ def _common_range(rows: Rows) -> Range | None:
     return (first, last) if last > first * (1.0 + MIN_RANGE) else None
 
 
-def _without_repetitions(points: Points) -> Array:
+def _without_repetitions(f: Array, mu: Array, se: Array) -> Array:
     """Average repetitions, weighted by their errors if all are known; rows f, mu, se."""
-    label = settings_of(points.f, FORCE_GAP)
-    means = []
-    for same in (points.take(label == k) for k in range(label.max() + 1)):
-        weights = same.se**-2.0 if np.all(same.se > 0.0) else np.ones(same.f.size)
-        weights /= weights.sum()
-        means.append((weights @ same.f, weights @ same.mu, np.sqrt(weights**2 @ same.se**2)))
-    return np.array(means).T
+    label = settings_of(f, FORCE_GAP)
+    known = np.bincount(label, se <= 0.0)[label] == 0.0
+    weights = np.where(known, se, 1.0) ** -2.0
+    weights /= np.bincount(label, weights)[label]
+    variances = np.bincount(label, (weights * se) ** 2)
+    means = (np.bincount(label, weights * x) for x in (f, mu))
+    return np.array([*means, np.sqrt(variances)])
 
 
 def _at_common_speed(
@@ -223,7 +209,7 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     The notes name arcs that never overlap, and limited nodes. `errors_known` says whether the
     standard errors of the points are.
     """
-    nodes, arcs_deg, notes = _force_nodes(rows, force), [c.arc_deg for c in rows[0]], list[str]()
+    nodes, notes = _force_nodes(rows, force), list[str]()
     mu, filled = (x.transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
@@ -231,11 +217,10 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     bands = np.array([[curve.band for curve in row] for row in rows])
     mean = np.clip(unlimited, bands[..., 0].min(axis=1), bands[..., 1].max(axis=1))
     change = np.abs(mean / unlimited - 1.0)
-    if np.any(change > WORTH_A_NOTE):
+    if many := np.count_nonzero(change > WORTH_A_NOTE):
         notes.append(
-            f"{int((change > WORTH_A_NOTE).sum())} of {mean.size} nodes were limited to the values "
-            "measured at their speed: extrapolated curves of some arcs would put them up to "
-            f"{change.max():.1%} outside"
+            f"{many} of {mean.size} nodes were limited to the values measured at their speed: "
+            f"extrapolated curves of some arcs would put them up to {change.max():.1%} outside"
         )
     n_arcs = np.isfinite(mu).sum(axis=0)
     sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
@@ -244,13 +229,11 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     between = _between_arcs(own * mean, mean, sd, n_arcs)
     factor = np.zeros((*mean.shape, mean.size + 1))
     for k, C in enumerate(from_runs):
-        values, vectors = np.linalg.eigh(C)
-        columns = vectors * np.sqrt(np.maximum(values, 0.0))
-        factor[:, k, k * nodes.size : (k + 1) * nodes.size] = columns
+        factor[:, k, k * nodes.size : (k + 1) * nodes.size] = root(C)
     factor[..., -1] = between
-    several = len(arcs_deg) > 1
+    several, speeds = len(rows[0]) > 1, np.array([row[0].speed for row in rows])
     mu_se = mean * (np.hypot(own, between) if errors_known or several else np.nan)
-    arc_deg, speeds = np.nan if several else arcs_deg[0], np.array([row[0].speed for row in rows])
+    arc_deg = np.nan if several else rows[0][0].arc_deg
     factor = factor[..., np.any(factor, axis=(0, 1))]
     return SurfaceGrid(arc_deg, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
 
@@ -299,11 +282,9 @@ def _continued(values: Array) -> Array:
 def _run_covariance(curves: Sequence[Curve], nodes: Array) -> Array:
     """Return the covariance of ln mu by the errors of the runs, mean of the arcs measured there."""
     there = np.array([curve.covers(nodes) for curve in curves]) | (nodes.size == 1)
-    share = there / np.maximum(there.sum(axis=0), 1)
-    parts = [
-        curve.covariance(nodes) * np.outer(w, w) for curve, w in zip(curves, share, strict=True)
-    ]
-    return np.asarray(np.sum(parts, axis=0))
+    shares = there / np.maximum(there.sum(axis=0), 1)
+    covariances = np.array([curve.covariance(nodes) for curve in curves])
+    return np.asarray(np.sum(covariances * shares[:, :, None] * shares[:, None, :], axis=0))
 
 
 def _between_arcs(own: Array, mean: Array, sd: Array, n_arcs: NDArray[np.int64]) -> Array:
@@ -368,10 +349,31 @@ def build_surface(
     either sign, and friction coefficients, Eq. (6), with their standard errors [-]; the median of
     the others replaces an error that is nan. Raises `InputError` if no surface can be built.
     """
-    given = (np.asarray(x, float) for x in (arc_deg, normal_force_N_m, slip_speed_m_s, mu))
-    columns = dict(zip(COLUMNS, given, strict=False))
-    columns["slip_speed_m_s"] = np.abs(columns["slip_speed_m_s"])
-    points, set_aside, notes, errors_known = _valid_points(columns, mu_se)
+    values = np.array([arc_deg, normal_force_N_m, np.abs(slip_speed_m_s), mu], dtype=float)
+    valid = (values > 0.0) & (values < np.inf)
+    usable, notes = valid.all(axis=0), list[str]()
+    set_aside = [
+        f"point {k}: {', '.join(found)}, must be > 0"
+        for k, (point, fine) in enumerate(zip(values.T, valid.T, strict=True))
+        if (found := [f"{COLUMNS[i]} = {point[i]:g}" for i in np.flatnonzero(~fine)])
+    ]
+    if not usable.any():
+        problem = f"no point for a friction surface among {usable.size}, at least one is needed"
+        raise InputError([problem, *set_aside])
+    se = np.full(usable.size, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float)
+    se = se[usable]
+    known = np.isfinite(se) & (se >= 0.0)
+    if not known.all():
+        typical = float(np.median(se[known])) if known.any() else 0.0
+        notes.append(
+            f"{int((~known).sum())} points without a standard error: {typical:.3g} (median of the "
+            "others) taken"
+            if known.any()
+            else "no standard errors of mu given: the surface's are from the spread of arcs"
+        )
+        se = np.where(known, se, typical)
+    arcs_deg, f, v, coefficients = values[:, usable]
+    points, errors_known = Points(arcs_deg, f, v, coefficients, se), bool(known.any())
     grid, grid_notes = grid_through(points, errors_known)
     notes += grid_notes
     arcs, curves = [], grid_of(points)
@@ -396,37 +398,6 @@ def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid
         return grid, [note]
     grid, notes = average(*curves[:2], errors_known)
     return grid, [*curves[2], *notes]
-
-
-def _valid_points(
-    arrays: dict[str, Array], mu_se: ArrayLike | None
-) -> tuple[Points, list[str], list[str], bool]:
-    """Return usable points, rejected ones, notes, and whether the errors are known."""
-    n = arrays["mu"].size
-    se = np.full(n, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float)
-    reasons = [
-        ", ".join(f"{name} = {a[k]:g}" for name, a in arrays.items() if not 0.0 < a[k] < np.inf)
-        for k in range(n)
-    ]
-    set_aside = [f"point {k}: {text}, must be > 0" for k, text in enumerate(reasons) if text]
-    usable = np.array([not text for text in reasons], dtype=bool)
-    if not usable.any():
-        problem = f"no point for a friction surface among {n}, at least one is needed"
-        raise InputError([problem, *set_aside])
-    has_error, notes = np.isfinite(se) & (se >= 0.0), []
-    known = has_error & usable
-    if not known.any():
-        notes.append("no standard errors of mu given: the surface's are from the spread of arcs")
-        se = np.zeros(n)
-    elif not has_error[usable].all():
-        typical = float(np.median(se[known]))
-        notes.append(
-            f"{int((~has_error & usable).sum())} points without a standard error: {typical:.3g} "
-            "(median of the others) taken"
-        )
-        se = np.where(has_error, se, typical)
-    points = Points(*(a[usable] for a in (*arrays.values(), se)))
-    return points, set_aside, notes, bool(known.any())
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
