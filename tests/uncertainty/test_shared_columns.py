@@ -20,14 +20,9 @@ OWN, TAIL, DRIFT = 0.001, 0.004, -0.003
 NOTHING = {"uncertainty": dict.fromkeys(UncertaintySection.model_fields, 0)}
 
 
-def friction() -> dict[str, np.ndarray]:
-    """Runs of the 5PK bench at two speeds with their true coefficients, standard error OWN."""
-    return bench.friction(OWN)
-
-
 def with_shared() -> dict[str, np.ndarray]:
-    """The same with shared errors; the column of standard errors is the whole of it."""
-    plain = friction()
+    """Runs with their true coefficients and shared errors; the standard error is the whole."""
+    plain = bench.friction(OWN)
     n = plain["mu_sliding"].size
     whole = math.sqrt(OWN**2 + TAIL**2 + DRIFT**2)
     return {
@@ -43,12 +38,10 @@ def lines(rows: list[dict[str, object]]) -> dict[str, float]:
     return {row["source"]: row["contribution_percent"] for row in rows}
 
 
-def given(config):
-    return standard_uncertainties(beltid.load_config(config))
-
-
 def test_runs_have_the_same_uncertainty_with_a_line_for_each_part():
-    columns, rows = friction_uncertainty(with_shared(), given(NOTHING), 0.05)
+    columns, rows = friction_uncertainty(
+        with_shared(), standard_uncertainties(beltid.load_config(NOTHING)), 0.05
+    )
     mu = with_shared()["mu_sliding"]
     whole = math.sqrt(OWN**2 + TAIL**2 + DRIFT**2)
     np.testing.assert_allclose(columns["mu_sliding_u"], whole * mu, rtol=2e-3)
@@ -66,11 +59,11 @@ def refined():
 
 @pytest.fixture(scope="module")
 def plain():
-    return beltid.refine_surface(friction(), LAW, NOTHING)
+    return beltid.refine_surface(bench.friction(OWN), LAW, NOTHING)
 
 
 def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
-    f, measured = refined.columns["normal_force_N_m"], friction()["normal_force_N_m"]
+    f, measured = refined.columns["normal_force_N_m"], bench.friction(OWN)["normal_force_N_m"]
     inside = (f > measured.min()) & (f < measured.max())
     # with stated errors the knots are placed once more, where the refined surface lets forces act
     both = [found.columns["mu"][inside] for found in (refined, plain)]
@@ -84,7 +77,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     table["shared_drift"] = np.zeros(table["mu_sliding"].size)
     # a bench that missed its tension by 0.6 % of ln mu
     table["initial_tension_N"] = 1.03 * table["nominal_tension_N"]
-    simulated = {**friction(), "mu_sliding": 1.01 * table["mu_sliding"]}
+    simulated = {**bench.friction(OWN), "mu_sliding": 1.01 * table["mu_sliding"]}
     result = beltid.compare(table, simulated).result
     n = result.columns["mu_measured"].size
     sources = reduction_sources({"shared_tail": table["shared_tail"]}) if known else ()
@@ -113,7 +106,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
 
 
 def test_runs_that_scatter_far_more_than_they_say_are_reported(plain):
-    table = friction()
+    table = bench.friction(OWN)
     noise = np.random.default_rng(1).standard_normal(table["mu_sliding"].size)
     table["mu_sliding"] = table["mu_sliding"] * np.exp(8.0 * OWN * noise)
     found = beltid.refine_surface(table, LAW, NOTHING)

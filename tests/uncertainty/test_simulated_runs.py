@@ -63,13 +63,8 @@ def plain() -> RunsUncertainty:
 @pytest.fixture(scope="module")
 def by_sensitivity() -> np.ndarray:
     """Change of ln mu of the runs by ln of a factor on the whole surface, from new runs."""
-    step = 0.01
-    return np.array(
-        [
-            (log_mu(scaled(1.0 + step), p) - log_mu(scaled(1.0), p)) / math.log1p(step)
-            for p in POINTS
-        ]
-    )
+    changes = [log_mu(scaled(1.01), p) - log_mu(scaled(1.0), p) for p in POINTS]
+    return np.array(changes) / math.log(1.01)
 
 
 def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
