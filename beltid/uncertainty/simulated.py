@@ -125,17 +125,21 @@ class RigRuns:
         self.speeds = np.asarray(speeds, dtype=float)
         self.label = np.argmin(np.abs(np.log(runs.slip_speed[:, None] / self.speeds)), axis=1)
         self.off_speed = np.log(runs.slip_speed / self.speeds[self.label])
-        self.models: list[RigModel] = []
+        self.models, self._laid = list[RigModel](), list[State]()
+        known = dict[tuple[float, ...], tuple[RigModel, State]]()  # runs that differ in speed
         for i, (beta, T_0, R, span, EI, EA, *k) in enumerate(inputs.tolist()):
-            belt, rig = bench.belt._replace(EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
-            of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
             point = OperatingPoint(beta, T_0, self.speeds[self.label[i]] / R)
-            if isinstance(mesh, float):
-                own: int | RigModel = 2 * round(0.5 * mesh * (of_run.model(point).nodes.size - 1))
-            else:
-                own = mesh[i]
-            self.models.append(of_run.model(point, own))
-        self._laid = [lay_on(model) for model in self.models]
+            if (key := tuple(inputs[i])) not in known:
+                belt, rig = bench.belt._replace(EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
+                of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
+                own = mesh if isinstance(mesh, float) else mesh[i]
+                if isinstance(own, float):
+                    own = 2 * round(0.5 * own * (of_run.model(point).nodes.size - 1))
+                model = of_run.model(point, own)
+                known[key] = model, lay_on(model)
+            model, laid = known[key]
+            self.models.append(replace(model, point=point))
+            self._laid.append(laid)
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed."""
