@@ -8,9 +8,9 @@ interpolated to common positions. Positions and forces rise while the belt is co
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class PressCurve:
     travel_sign: float  # -1 if the recorded travel falls in compression, else 1
     zero_u_N_m: float  # standard uncertainty of the zero of the load cell, with half of its drift
     branches: dict[str, Array]  # positions [m] and forces of "loading", "unloading", (2, n) each
-    fitted: list[Array]  # the same within the range of the fit
+    fitted: tuple[Array, ...]  # the same within the range of the fit
     position_m: Array  # common positions without machine compliance, (m,)
     middle_N_m: Array  # midway between the branches, (m,)
     turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
@@ -74,8 +74,13 @@ class PressCurve:
     top_force_N_m: float
 
     @property
+    def unloads(self) -> bool:
+        """True if both branches were recorded."""
+        return len(self.branches) == 2
+
+    @property
     def work_J_m(self) -> tuple[float, float]:
-        """Work lost in the loop and work of loading over common positions."""
+        """Work lost in the loop and work of loading over common positions, if unloaded."""
         positions = [x for x, _ in self.branches.values()]
         low, high = max(map(np.min, positions)), min(map(np.max, positions))
         up, down = (
@@ -101,8 +106,8 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
 
     `press` holds ``test``, ``displacement_mm``, ``force_N`` and, if known, ``temperature_degC``,
     (n,) each in order of time, nan where missing. A test with too few samples, without travel or
-    contact, that begins in contact, is never unloaded, or with a clipped load cell is set aside.
-    Raises :class:`InputError`, with all problems, if no test can be used.
+    contact, that begins in contact, or with a clipped load cell is set aside. Raises
+    :class:`InputError`, with all problems, if no test can be used.
     """
     labels = np.asarray(press["test"]).astype(str)
     unknown = {"temperature_degC": np.full(labels.size, np.nan)}
@@ -114,14 +119,18 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
             tests[label] = _read_test(label, part, settings)
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
-    if not tests:
-        raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
+    loops = {k: test for k, test in tests.items() if any(c.unloads for c in test.curves)}
+    for label in [label for label in tests if loops and label not in loops]:
+        set_aside.append((label, f"test {label}: never unloaded, while other tests are"))
+    used = loops or tests
+    if not used:
+        raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     return PressRecording(
-        curves=tuple(curve for test in tests.values() for curve in test.curves),
+        curves=tuple(curve for test in used.values() for curve in test.curves),
         set_aside=tuple(set_aside),
-        n_missing=sum(test.n_missing for test in tests.values()),
-        n_spikes=sum(test.n_spikes for test in tests.values()),
+        n_missing=sum(test.n_missing for test in used.values()),
+        n_spikes=sum(test.n_spikes for test in used.values()),
         notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
     )
 
@@ -167,26 +176,28 @@ def _read_test(
             "exceeds the crosshead travel, must be less"
         )
     cycles = find_cycles(travel, force)
-    kept = [*cycles][CYCLES[settings.cycles]]
+    complete = [number for number, cycle in cycles.items() if len(cycle) == 2]
+    kept = (complete or [*cycles])[CYCLES[settings.cycles]]
     known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
-    of_test = {
-        "test": label,
-        "temperature_degC": float(np.median(known)) if known.size else math.nan,
-        "travel_sign": travel_sign,
-        "zero_u_N_m": math.hypot(zero_se, 0.5 * drift) / length,
-    }
-    samples, noise_m = np.array([position, force / length]), difference_sigma(position, 2)
+    temperature = float(np.median(known)) if known.size else math.nan
+    zero_u_N_m = math.hypot(zero_se, 0.5 * drift) / length
+    of_test = label, temperature, travel_sign, zero_u_N_m, noise / length
     curves = [
-        _curve(k, [samples[:, branch] for branch in cycles[k]], (noise_m, noise / length), of_test)
-        for k in kept
+        _curve(number, cycles[number], np.array([position, force / length]), *of_test)
+        for number in kept
     ]
+    used = ", ".join(map(str, kept))
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
-        (len(cycles) > 1, f"{len(cycles)} cycles found, used: {', '.join(map(str, kept))}"),
+        (not complete, "never unloaded"),
+        (
+            len(cycles) > 1,
+            f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {used}",
+        ),
     )
     notes = tuple(text for applies, text in changes if applies)
     return PressRecording(tuple(curves), (), int(missing.sum()), int(spikes.sum()), notes)
@@ -280,60 +291,66 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     return np.array([*turns, extreme], dtype=np.intp)
 
 
-def find_cycles(travel: Array, force: Array) -> dict[int, tuple[slice, slice]]:
-    """Split a test at the reversals into loading and unloading of each cycle, numbered from 1.
+def find_cycles(travel: Array, force: Array) -> dict[int, tuple[slice, ...]]:
+    """Split a test at the reversals, but loadings to less than half of the largest force.
 
-    Loadings to less than half of the largest force are none, and cycles that are not unloaded by
-    half are left out. Raises `InputError` if none is left.
+    Returns loading and, if the belt was unloaded by half, unloading of each cycle, numbered from 1.
     """
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
     turns = turning_points(travel, least).tolist()
-    cycles, number = dict[int, tuple[slice, slice]](), 0
+    cycles: list[tuple[slice, ...]] = []
     for start, peak, stop in zip(turns, turns[1:], [*turns[2:], turns[-1]], strict=False):
         top = float(np.max(force[start : stop + 1]))
         if travel[peak] > travel[start] and top >= 0.5 * float(np.max(force)):
-            number += 1
-            if stop > peak and float(np.min(force[peak : stop + 1])) < 0.5 * top:
-                cycles[number] = slice(start, peak + 1), slice(peak, stop + 1)
-    if not number:
-        raise InputError("no loading found: the crosshead never moves into the belt")
+            unloaded = stop > peak and float(np.min(force[peak : stop + 1])) < 0.5 * top
+            branches = slice(start, peak + 1), slice(peak, stop + 1)
+            cycles.append(branches if unloaded else branches[:1])
     if not cycles:
-        raise InputError(
-            "never unloaded to half of its largest force, must be: the law is midway between "
-            "loading and unloading"
-        )
-    return cycles
+        raise InputError("no loading found: the crosshead never moves into the belt")
+    return dict(enumerate(cycles, 1))
 
 
 def _curve(
-    number: int, branches: list[Array], noise: tuple[float, float], of_test: dict[str, Any]
+    number: int,
+    parts: tuple[slice, ...],
+    samples: Array,
+    test: str,
+    temperature_degC: float,
+    travel_sign: float,
+    zero_u_N_m: float,
+    noise_N_m: float,
 ) -> PressCurve:
     """Build the curve of one cycle; `InputError` if a branch has too few samples in contact."""
-    (_, f_up), (_, f_down), (noise_m, noise_N_m) = *branches, noise
-    threshold = max(CONTACT_SHARE * max(np.max(f_up), np.max(f_down)), 6.0 * noise_N_m)
+    branches = [samples[:, part] for part in parts]
+    threshold = max(CONTACT_SHARE * max(np.max(f) for _, f in branches), 6.0 * noise_N_m)
     # from the peak towards the open plate
-    begins = [_contact_begin(outward, threshold) for outward in (branches[0][:, ::-1], branches[1])]
+    outward = [branches[0][:, ::-1], *branches[1:]]
+    begins = [_contact_begin(branch, threshold) for branch in outward]
     # stay five standard deviations off the ends, where noise decides which samples belong
+    noise_m = difference_sigma(samples[0], 2)
     low = max(begins) + 5.0 * noise_m
     high = min(_steady_max(x) for x, _ in branches) - 5.0 * noise_m
     fitted = [branch[:, (branch[0] >= low) & (branch[0] <= high)] for branch in branches]
     sizes = [branch.shape[1] for branch in fitted]
     if min(sizes) < MIN_BRANCH_SAMPLES:
+        counts = ", ".join(f"{n} {name}" for n, name in zip(sizes, BRANCHES, strict=False))
         raise InputError(
-            f"cycle {number}: {sizes[0]} loading, {sizes[1]} unloading samples in contact and "
-            f"beyond the noise of the travel ({noise_m * 1e6:.2g} µm), must be at least "
-            f"{MIN_BRANCH_SAMPLES} per branch"
+            f"cycle {number}: {counts} samples in contact and beyond the noise of the travel "
+            f"({noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per branch"
         )
     edges = np.linspace(low, high, int(np.clip(min(sizes) // 4, 6, MOST_NODES)) + 1)
-    up, down = (_branch_at_nodes(branch, edges) for branch in fitted)
+    levels = [_branch_at_nodes(branch, edges) for branch in fitted]
     return PressCurve(
-        **of_test,
+        test=test,
+        temperature_degC=temperature_degC,
         cycle=number,
-        branches=dict(zip(BRANCHES, branches, strict=True)),
-        fitted=fitted,
+        travel_sign=travel_sign,
+        zero_u_N_m=zero_u_N_m,
+        branches=dict(zip(BRANCHES, branches, strict=False)),
+        fitted=tuple(fitted),
         position_m=0.5 * (edges[1:] + edges[:-1]),
-        middle_N_m=0.5 * (up + down),
-        turn_N_m=_turns(0.5 * (up - down), bool(np.min(f_up) >= threshold)),
+        middle_N_m=np.mean(levels, axis=0),
+        turn_N_m=_turns(levels, bool(np.min(branches[0][1]) >= threshold)),
         touch_m=begins[0],
         top_position_m=max(_steady_max(x) for x, _ in branches),
         top_force_N_m=max(_steady_max(f) for _, f in branches),
@@ -360,9 +377,11 @@ def _branch_at_nodes(branch: Array, edges: Array) -> Array:
     return smooth(nodes) + np.interp(nodes, nodes[filled], rest)
 
 
-def _turns(half: Array, in_contact: bool) -> Array:
-    """Return what a reversal adds to the middle, by half the width of the loop [N/m], (m,)."""
-    s = np.linspace(0.0, 1.0, half.size)
+def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
+    """Return what a reversal of the crosshead adds to the middle [N/m], shape (m,)."""
+    if len(levels) == 1:
+        return np.zeros(levels[0].size)
+    s, half = np.linspace(0.0, 1.0, levels[0].size), 0.5 * (levels[0] - levels[1])
     low = (s < TURN_SHARE) & in_contact
     turns = (s > 1.0 - TURN_SHARE) | low
     for _ in range(2):

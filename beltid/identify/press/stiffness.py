@@ -9,7 +9,8 @@ branches of test j, in contact from p_j on, is
 with free contact points p_j. Random effects, of sizes that the data tell: v_j of the belt segment;
 the slope theta over the temperature; the misfit b of the law, a smooth process that all tests
 share; e, white and correlated along the curve. Of known size are the zero c_j of the load cell, and
-a share of what reversals of the crosshead may add, where the branches separate gradually.
+a share of what reversals of the crosshead may add, where the branches separate gradually. If the
+belt was never unloaded, half the loop is an unknown share of the force.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ PRIORS = {
 }
 """Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
+LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
 CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
 SMOOTH: Final = 0.15  # length of the misfit
@@ -70,7 +72,7 @@ class LawEstimate:
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
     rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
-    hysteresis_ratio: float  # work lost in the loop over that of loading
+    hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
     max_penetration_m: float  # largest penetration and force: range of validity
     max_force_N_m: float
     n_samples: int  # within the range of the fit
@@ -113,6 +115,7 @@ class _Scaled:
         self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
         noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
         self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
+        self.unloads = curves[0].unloads
 
     def start(self) -> tuple[Array, Array]:
         """Return k and contact points from a parabola through every curve (closed form)."""
@@ -157,7 +160,10 @@ class _Scaled:
         if np.any(self.warmer):
             slope = F * self.warmer * used
             shared.append(Shared("temperature", slope, size["temperature"]))
-        if np.any(self.turn):
+        if not self.unloads:
+            loop = np.stack([F, np.max(F) * s * (1.0 - s)], axis=-1) * used[..., None]
+            shared.append(Shared("loop", loop, LOOP))
+        elif np.any(self.turn):
             turn = np.stack([self.turn, self.turn * (1.0 - s) / REACH], axis=-1)
             shared.append(Shared("reversal", turn, REVERSAL))
         near = np.exp(-np.abs(s[:, :, None] - s[:, None, :]) / CORRELATION)
@@ -228,9 +234,10 @@ def fit_law(
         for position, force in c.fitted
     ]
     covariance = (covariance + misfit**2 * np.outer(k, k)) * np.outer(unit, unit)
-    work = np.sum([c.work_J_m for c in curves], axis=0)
+    work = np.sum([c.work_J_m for c in curves if c.unloads], axis=0)
+    loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
     depth = float(np.max([c.top_position_m for c in curves] - contact))
-    notes, warnings = _findings(misfit, note, posterior.sizes["segment"])
+    notes, warnings = _findings(data.unloads, misfit, note, posterior.sizes["segment"])
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
@@ -240,7 +247,7 @@ def fit_law(
         sizes=posterior.sizes,
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
-        hysteresis_ratio=max(float(work[0] / work[1]), 0.0),
+        hysteresis_ratio=loss,
         max_penetration_m=depth,
         max_force_N_m=max(c.top_force_N_m for c in curves),
         n_samples=sum(branch.shape[1] for c in curves for branch in c.fitted),
@@ -369,11 +376,18 @@ def _temperature_effect(
     )
 
 
-def _findings(misfit: float, held: str, segment: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return notes and warnings: a poor law, a coefficient at zero, scatter of the tests."""
+def _findings(
+    unloads: bool, misfit: float, held: str, segment: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and warnings: a poor law, no unloading, a coefficient at zero, scatter."""
     notes, warnings, included = list[str](), list[str](), "included in the standard errors"
     if misfit >= RELEVANT:
         warnings.append(f"the law misses by up to {100 * misfit:.2g} % of the force; {included}")
+    if not unloads:
+        warnings.append(
+            "never unloaded: the law is that of the loading branch, which lies above the middle of "
+            f"the branches; half of a loop of 20 % is {included}"
+        )
     if held:
         (warnings if misfit >= RELEVANT else notes).append(held)
     if segment >= RELEVANT:
