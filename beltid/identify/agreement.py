@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
@@ -255,13 +254,16 @@ def _match(
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
     """Average the repetitions of each arc, then the arcs of each tension and speed."""
-    data = pd.DataFrame({name: real[name] for name in NUMBERS[1:]} | {"simulated": mu_simulated})
+    data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated])
     names = ("nominal_tension_N", "pulley_speed_rad_s")
     settings = [settings_of(real[name], SAME_SETTING[name]) for name in names]
-    of_settings = data.groupby([*settings, arcs]).mean().groupby(level=[0, 1])
-    means = {str(name): mean.to_numpy() for name, mean in of_settings.mean().items()}
-    found = _differences(means.pop("mu_sliding"), means.pop("simulated"))
-    return {**means, **found, "n_arcs": of_settings.size().to_numpy()}
+    cells, of_run = np.unique([*settings, arcs], axis=1, return_inverse=True)
+    _, of_cell = np.unique(cells[:2], axis=1, return_inverse=True)
+    for label in (of_run, of_cell):
+        data = np.array([np.bincount(label, x) for x in data]) / np.bincount(label)
+    means = dict(zip((*NUMBERS[1:-1], "measured", "simulated"), data, strict=True))
+    found = _differences(means.pop("measured"), means.pop("simulated"))
+    return {**means, **found, "n_arcs": np.bincount(of_cell)}
 
 
 SETTING: Final = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}

@@ -6,11 +6,9 @@ Which kinds give the truth is in the corpus.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from golden.benches import R, Rig
 from virtual_rig import reduce_runs
@@ -20,7 +18,6 @@ from beltid.identify.friction.reduction import RunReduction, reduce_plateaus
 from beltid.identify.friction.run import KnownCell, RigKind, drag_of, run_records
 from beltid.stages.friction import reduction_columns
 
-RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"
 Columns = dict[str, Any]
 CELLS = ("tension_tight_N", "tension_slack_N")
 BESIDE = ("torque_N_m", "hub_force_N", "weight_N")
@@ -52,19 +49,6 @@ def mu(runs: tuple[RunReduction, ...]) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def rig() -> Columns:
-    """Every 29th run of the 5PK recording, of all speeds and arcs, with every channel."""
-    frame = pd.read_csv(RIG, dtype={"run": str})
-    frame = frame[frame["run"].isin(list(dict.fromkeys(frame["run"]))[::29])]
-    columns = {name: frame[name].to_numpy() for name in frame}
-    tight, slack = (columns[name] for name in CELLS)
-    beta = np.radians(columns["arc_deg"])
-    hub = np.hypot(tight * np.cos(beta) - slack, tight * np.sin(beta))
-    weight = columns["initial_tension_N"].astype(float)
-    return columns | {"torque_N_m": (tight - slack) * R, "hub_force_N": hub, "weight_N": weight}
-
-
-@pytest.fixture(scope="module")
 def bench() -> Columns:
     """Three runs of a made-up bench, with every channel."""
     return recording_of(Rig(arcs_deg=(82.0,), speeds_rad_s=(0.84,)))
@@ -76,11 +60,6 @@ def by_torque(bench: Columns) -> np.ndarray:
     return mu(reduce_runs(without(bench, "tension_tight_N"), R, RigKind("torque")))
 
 
-@pytest.fixture(scope="module")
-def two_cells(rig: Columns) -> tuple[RunReduction, ...]:
-    return reduce_runs(without(rig, *BESIDE), R)
-
-
 @pytest.mark.parametrize(
     ("rewritten", "kind"),
     [
@@ -90,8 +69,9 @@ def two_cells(rig: Columns) -> tuple[RunReduction, ...]:
     ],
     ids=["running", "running hub"],
 )
-def test_a_running_belt_gives_what_one_at_rest_gives(rig, two_cells, rewritten, kind):
-    runs = reduce_runs(rewritten(rig), R, kind)
+def test_a_running_belt_gives_what_one_at_rest_gives(bench, rewritten, kind):
+    runs = reduce_runs(rewritten(bench), R, kind)
+    two_cells = reduce_runs(without(bench, *BESIDE), R)
     assert np.abs(mu(runs) - mu(two_cells)).max() < 1e-6
     for name in ("initial_tension_N", "slip_speed_m_s", "normal_force_N_m", "tension_slack_N"):
         expected = [getattr(run, name) for run in two_cells]

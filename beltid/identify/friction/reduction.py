@@ -12,12 +12,12 @@ resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform di
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
@@ -73,11 +73,13 @@ def reduce_plateaus(
     if not kind.running:
         speed, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
-    label = pd.Series(columns["run"]).astype(str)
-    number = (label.groupby(label).cumcount() + 1).astype(str)
-    label = label.mask(label.duplicated(keep=False), label + "-" + number)
+    label, count = [str(name) for name in columns["run"]], Counter[str]()
+    repeated = Counter(label)
+    for row, name in enumerate(list(label)):
+        count[name] += 1
+        label[row] += f"-{count[name]}" if repeated[name] > 1 else ""
     texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    table |= {"run": label.to_numpy(object), **texts}
+    table |= {"run": np.array(label, dtype=object), **texts}
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))

@@ -25,7 +25,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
@@ -338,17 +337,17 @@ def run_records(
     """
     numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
     kind = kind.found_in(numbers)
-    code, labels = pd.factorize(np.asarray(columns["run"]).astype(str))
+    _, code = np.unique(np.asarray(columns["run"]).astype(str), return_inverse=True)
     rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
     runs, idle = [], []
-    for label, of_run in zip(labels, rows, strict=True):
+    for of_run in sorted(rows, key=lambda of_run: int(of_run[0])):
         samples = {name: values[of_run] for name, values in numbers.items()}
         texts = {name: columns[name][of_run[0]] for name in ("idle", *TEXTS) if name in columns}
         words = {name: text.lower() for name, text in texts.items() if text is not None}
         if words.pop("idle", "") == "true":
             idle.append(samples)
         else:
-            runs.append((RunReduction(run=str(label), **words), samples))
+            runs.append((RunReduction(run=str(columns["run"][of_run[0]]), **words), samples))
     drag = drag_of(idle)
     return tuple(_record(run, samples, R, kind, drag) for run, samples in runs)
 

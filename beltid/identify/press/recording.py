@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,14 +179,16 @@ def _read_test(
     complete = [number for number, cycle in cycles.items() if len(cycle) == 2]
     kept = (complete or [*cycles])[CYCLES[settings.cycles]]
     known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
-    temperature = float(np.median(known)) if known.size else math.nan
-    zero_u_N_m = math.hypot(zero_se, 0.5 * drift) / length
-    of_test = label, temperature, travel_sign, zero_u_N_m, noise / length
-    curves = [
-        _curve(number, cycles[number], np.array([position, force / length]), *of_test)
-        for number in kept
-    ]
+    of_test = {
+        "test": label,
+        "temperature_degC": float(np.median(known)) if known.size else math.nan,
+        "travel_sign": travel_sign,
+        "zero_u_N_m": math.hypot(zero_se, 0.5 * drift) / length,
+    }
+    samples = np.array([position, force / length])
+    curves = [_curve(k, cycles[k], samples, noise / length, of_test) for k in kept]
     used = ", ".join(map(str, kept))
+    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {used}"
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
@@ -194,10 +196,7 @@ def _read_test(
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
         (not complete, "never unloaded"),
-        (
-            len(cycles) > 1,
-            f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {used}",
-        ),
+        (len(cycles) > 1, of_cycles),
     )
     notes = tuple(text for applies, text in changes if applies)
     return PressRecording(tuple(curves), (), int(missing.sum()), int(spikes.sum()), notes)
@@ -314,11 +313,8 @@ def _curve(
     number: int,
     parts: tuple[slice, ...],
     samples: Array,
-    test: str,
-    temperature_degC: float,
-    travel_sign: float,
-    zero_u_N_m: float,
     noise_N_m: float,
+    of_test: dict[str, Any],
 ) -> PressCurve:
     """Build the curve of one cycle; `InputError` if a branch has too few samples in contact."""
     branches = [samples[:, part] for part in parts]
@@ -341,11 +337,8 @@ def _curve(
     edges = np.linspace(low, high, int(np.clip(min(sizes) // 4, 6, MOST_NODES)) + 1)
     levels = [_branch_at_nodes(branch, edges) for branch in fitted]
     return PressCurve(
-        test=test,
-        temperature_degC=temperature_degC,
+        **of_test,
         cycle=number,
-        travel_sign=travel_sign,
-        zero_u_N_m=zero_u_N_m,
         branches=dict(zip(BRANCHES, branches, strict=False)),
         fitted=tuple(fitted),
         position_m=0.5 * (edges[1:] + edges[:-1]),
