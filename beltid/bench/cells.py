@@ -44,8 +44,8 @@ TOP: Final = 1 << 18  # bytes in which the header is searched
 BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
-# Blanks that do not separate cells
 _WHOLE: Final = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
+# Blanks that do not separate cells
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 # Names by which an export of testXpert is known
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
@@ -162,8 +162,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     body = body if body.endswith(b"\n") else body + b"\n"
     pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
-    if body is written:
-        body.clear()  # the file has it
+    written.clear()  # memory need not hold what the file does
     fetch = lambda begin, end: (  # noqa: E731
         np.frombuffer(body, np.uint8, end - begin, begin)
         if body

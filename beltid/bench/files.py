@@ -206,7 +206,7 @@ def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray,
         try:
             data = bytearray(data.decode(encoding).encode())
         except UnicodeDecodeError as error:
-            is_windows = any(0x80 <= byte < 0xA0 for byte in data.translate(None, bytes(128)))
+            is_windows = re.search(rb"[\x80-\x9f]", data)
             if stated or is_windows or b"\0" in data:
                 line = data[: error.start].count(b"\n") + 1
                 hint = "" if stated else "; if it is of Windows, set dialect: {encoding: cp1252}"

@@ -24,9 +24,9 @@ from beltid.tables import schemas
 from beltid.tables.units import canonical_unit, is_known_unit
 
 LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
-# Units that none of our columns has, but that occur in a row of units
 _NUMERIC: Final = (types.is_null, types.is_decimal, types.is_integer, types.is_floating)
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among those of its name
+# Units that none of our columns has, but that occur in a row of units
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
