@@ -133,6 +133,14 @@ def test_a_belt_that_is_never_unloaded_has_half_an_assumed_loop_in_its_uncertain
     assert any("never unloaded" in text for text in law.warnings)
 
 
+@pytest.mark.parametrize(("column", "factor"), [("displacement_mm", 1e3), ("force_N", 1e-3)])
+def test_travel_or_force_in_another_unit_is_reported(column, factor):
+    record = Bench(temperatures=(22.0,)).record()
+    record[column] = factor * record[column]
+    warnings = fit_stiffness(record, SETTINGS).pooled.warnings
+    assert any(f"is {column} in another unit" in text for text in warnings)
+
+
 def test_signs_gaps_and_spikes_do_not_matter():
     bench = Bench(temperatures=(22.0,))
     plain, record = fitted(bench).pooled, bench.record()

@@ -47,6 +47,8 @@ PRIORS = {
 """Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
 LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
+DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
+LINE_FORCE_N_M = (1.0e2, 1.0e6)
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
 CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
 SMOOTH: Final = 0.15  # length of the misfit
@@ -237,7 +239,9 @@ def fit_law(
     work = np.sum([c.work_J_m for c in curves if c.unloads], axis=0)
     loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
     depth = float(np.max([c.top_position_m for c in curves] - contact))
+    top = max(c.top_force_N_m for c in curves)
     notes, warnings = _findings(data.unloads, misfit, note, posterior.sizes["segment"])
+    warnings = (*_other_units(depth, top), *warnings)
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
@@ -249,7 +253,7 @@ def fit_law(
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
         hysteresis_ratio=loss,
         max_penetration_m=depth,
-        max_force_N_m=max(c.top_force_N_m for c in curves),
+        max_force_N_m=top,
         n_samples=sum(branch.shape[1] for c in curves for branch in c.fitted),
         n_effective=float(data.used.sum()) * share,
         n_cycles=len(curves),
@@ -374,6 +378,19 @@ def _temperature_effect(
         f"{max(groups):g} °C: the force changes by {change:.2g} ± "
         f"{100.0 * se * (max(groups) - min(groups)):.1g} %."
     )
+
+
+def _other_units(depth: float, top: float) -> list[str]:
+    """Return warnings: a penetration [m] or a line force [N/m] that no belt under a press has."""
+    return [
+        f"the belt {verb} by {found:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
+        f"{name} in another unit, or press.segment_length_cm wrong?"
+        for name, verb, found, (low, high), unit in (
+            ("displacement_mm", "penetrates", depth, DEPTH_M, "m"),
+            ("force_N", "is pressed", top, LINE_FORCE_N_M, "N/m"),
+        )
+        if not low <= found <= high
+    ]
 
 
 def _findings(
