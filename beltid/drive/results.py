@@ -27,6 +27,7 @@ FULL_SLIP: Final = "full slip"
 GROSS_SLIP: Final = "gross slip"
 SLACK: Final = "slack"
 
+IDLE: Final = 1e-10  # arc that a change of force by rounding asks for, at most [rad]
 SHARES: Final = (
     "slip_speed_max_m_s",
     "normal_force_min_N_m",
@@ -122,7 +123,7 @@ class DriveResult:
             "hub_angle_deg": np.degrees(np.arctan2(y, x)),
             "wrap_deg": np.degrees(wraps),
             "arc_used_deg": np.degrees(known * used),
-            "reserve": known * np.divide(room, arcs.needed, out=idler, where=arcs.needed > 0.0),
+            "reserve": known * np.divide(room, arcs.needed, out=idler, where=arcs.needed > IDLE),
             "friction_power_W": known * (arcs.torque * self._magnitude(state) - taken_along),
             "span_frequency_Hz": known * np.sqrt(waves) / (2.0 * state.laid.spans),
             **self._shares(),
