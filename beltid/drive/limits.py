@@ -109,8 +109,9 @@ def installed_belts(
         )
     mean = Simulator(drive, method).solve(point).rest.belt_length
     lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}
-    point = replace(point, T_0=np.nan)
     return {
-        name: Simulator(replace(drive, belt_length=length), method).solve(point)
+        name: Simulator(replace(drive, belt_length=length), method).solve(
+            replace(point, T_0=np.nan)
+        )
         for name, length in lengths.items()
     }
