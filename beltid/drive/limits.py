@@ -41,25 +41,20 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     if point.omega < 0.0:
         forwards = replace(point.reversed(), omega=-point.omega)
         return slip_limit(simulator.backwards, forwards)
-    state = simulator.solve(point.scaled(0.0)).state
-    adhesion, state = _largest(simulator, point, False, state, 0.0)
-    if not 0.0 < adhesion < math.inf:
-        return SlipLimit(adhesion, adhesion)
-    return SlipLimit(adhesion, _largest(simulator, point, True, state, adhesion)[0])
-
-
-def _largest(
-    simulator: Simulator, point: DrivePoint, with_slip: bool, state: LoopState, factor: float
-) -> tuple[float, LoopState]:
-    """Find the largest factor with room on every pulley, from a state below it, and that state."""
-    factor = _of_level(simulator, point, with_slip, state, factor or 1.0)
-    if simulator.method == "rod" and 0.0 < factor < math.inf:
-        for share in BELOW[with_slip:]:
+    state, limits = simulator.solve(point.scaled(0.0)).state, [1.0]
+    for with_slip in (False, True):
+        factor = _of_level(simulator, point, with_slip, state, limits[-1])
+        is_found = 0.0 < factor < math.inf
+        for share in BELOW[with_slip:] if is_found and simulator.method == "rod" else ():
             with suppress(ConvergenceError):
                 below = simulator.solve(point.scaled(share * factor)).state
                 if below.rods:
-                    return _of_level(simulator, point, with_slip, below, factor), below
-    return factor, state
+                    state, factor = below, _of_level(simulator, point, with_slip, below, factor)
+                    break
+        limits.append(factor)
+        if not is_found:
+            break
+    return SlipLimit(limits[1], limits[-1])
 
 
 def _of_level(
@@ -106,18 +101,17 @@ def installed_belts(
 ) -> dict[str, DriveResult]:
     """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
 
-    An InputError says that a belt is too long or too short for the pulleys, or that a given slack
-    force leaves its length open.
+    An InputError says that a belt does not fit the pulleys, or that any does.
     """
     if drive.installation == "slack_force":
         raise InputError(
-            "drive.belt_length_tolerance_m: must be left out with installation: slack_force, which "
-            "any belt has; with fixed_centres or tensioner its length sets the force"
+            "drive.belt_length_tolerance_m: must be left out with installation: slack_force"
         )
     mean = Simulator(drive, method).solve(point).rest.belt_length
     lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}
-    point = replace(point, T_0=np.nan)
     return {
-        name: Simulator(replace(drive, belt_length=length), method).solve(point)
+        name: Simulator(replace(drive, belt_length=length), method).solve(
+            replace(point, T_0=np.nan)
+        )
         for name, length in lengths.items()
     }

@@ -198,8 +198,7 @@ class Loop:
             length += self.level.extra_length(laid, pull)
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and self.turns:
-            r[n + 1] = arm_moment(drive, laid, float(u[n + 1]), P)
-            r[n + 1] /= rest.T_0 * drive.tensioner.arm
+            r[n + 1] = arm_moment(drive, laid, u[n + 1], P) / (rest.T_0 * drive.tensioner.arm)
         slack = bool(P.min() < SLACK * max(rest.T_0, P.max()))
         return r, LoopState(P, v0, angle, laid, arcs, self.level, slack)
 

@@ -36,12 +36,6 @@ SHARES: Final = (
 )
 
 
-def adhesion_arc(rod: FlowState) -> float:
-    """Return the angle on which a rod sticks [rad]; a single point is no adhesion arc."""
-    width, sticks = np.abs(np.gradient(rod.points["theta"])), rod.points["sticks"]
-    return float(width[sticks].sum()) if (sticks[1:] & sticks[:-1]).any() else 0.0
-
-
 @dataclass(frozen=True)
 class DriveResult:
     """Result at one operating point; columns and status follow the pulleys as they are stated."""
@@ -94,9 +88,9 @@ class DriveResult:
         """Columns of the drive table, a row per pulley; nan where unknown, as in a slack drive.
 
         The reserve is the arc on which the belt can slide over the arc that the change of force
-        needs: infinite on an idler, below 1 if the whole pulley slides. A rod can slide where it
-        sticks. The friction power (D11) is the power of the shaft less that which the belt carries
-        away; the sum over all pulleys equals that of torque times speed.
+        needs: infinite on an idler, where that is rounding, below 1 if the whole pulley slides. A
+        rod can slide where it sticks. The friction power (D11) is the power of the shaft less that
+        which the belt carries away; the sum over all pulleys equals that of torque times speed.
         """
         state, drive, arcs, n = self.state, self.drive, self.state.arcs, self.state.P.size
         belt, wraps, known = drive.belt, state.laid.wraps, math.nan if state.slack else 1.0
@@ -106,7 +100,7 @@ class DriveResult:
         carried = 0.5 * (belt.EA - belt.rhoA * state.v0**2) * stretch**2
         taken_along = state.v0 * (preceding(carried) - carried)
         x, y = known * state.laid.hub_forces(state.P).T
-        sticks = np.array([math.nan if rod is None else adhesion_arc(rod) for rod in self._rods])
+        sticks = np.array([math.nan if rod is None else rod.adhesion_arc for rod in self._rods])
         is_string = np.isnan(sticks) | (arcs.slip != 0.0)
         room = np.where(is_string, arcs.room, arcs.needed + sticks)
         idler = np.full(n, np.inf)
@@ -122,7 +116,7 @@ class DriveResult:
             "hub_angle_deg": np.degrees(np.arctan2(y, x)),
             "wrap_deg": np.degrees(wraps),
             "arc_used_deg": np.degrees(known * used),
-            "reserve": known * np.divide(room, arcs.needed, out=idler, where=arcs.needed > 0.0),
+            "reserve": known * np.divide(room, arcs.needed, out=idler, where=arcs.needed > 1e-10),
             "friction_power_W": known * (arcs.torque * self._magnitude(state) - taken_along),
             "span_frequency_Hz": known * np.sqrt(waves) / (2.0 * state.laid.spans),
             **self._shares(),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from beltid.drive.loop import Loop, LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.results import DriveResult, adhesion_arc
+from beltid.drive.results import DriveResult
 from beltid.drive.string import Level, seat, sliding_arc
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.capstan import Spans
@@ -96,13 +96,12 @@ class Simulator:
 
     def at_rest(self, point: DrivePoint) -> RestState:
         """Tighten the belt at rest as the point states it; rods add the lengths of their ends."""
-        key = str(point.T_0)  # nan is no key: it differs from itself
+        key, EI = str(point.T_0), self.drive.belt.EI  # nan is no key: it differs from itself
         if key not in self._rest:
             rest = rest_state(self.strings, point.T_0)
             for _ in range(2 if self.method == "rod" else 0):  # they hardly depend on the tension
                 ends = np.array([self._end(i, rest) for i in range(len(self.drive.pulleys))])
-                level = replace(self.strings, EI=self.drive.belt.EI, ends=ends)
-                rest = rest_state(level, point.T_0)
+                rest = rest_state(replace(self.strings, EI=EI, ends=ends), point.T_0)
             self._rest[key] = rest
         return self._rest[key]
 
@@ -126,7 +125,6 @@ class Simulator:
             """From where the search would start without a similar state, scaled."""
             return float(np.abs(loop.start(other) - loop.start(None)).max())
 
-        near = near if near is not None and near.rods else None
         like, state = min(found, key=distance, default=near), None
         if like is not None:
             rods = {key: getattr(like.level, key) for key in ("torque", "speed", "room", "length")}
@@ -157,9 +155,8 @@ class Simulator:
         slip = state.arcs.slip.copy()
         for i, rod in enumerate(rods):
             if rod is not None and not math.isnan(slip[i]):
-                slip[i] = self._whole_slip(i, rod)
-                if slip[i] > self.fastest or rod.W <= 0.0:
-                    slip[i] = math.nan
+                whole = self._whole_slip(i, rod)
+                slip[i] = whole if whole <= self.fastest and rod.W > 0.0 else math.nan
         R = np.array([pulley.R for pulley in self.drive.pulleys])
         ahead = np.copysign(slip, state.P_in - state.P) / (R * state.v0)
         rate = np.where(np.isnan(slip), state.arcs.rate, state.arcs.W - ahead)
@@ -175,7 +172,7 @@ class Simulator:
             P_in[i], P_out[i] = rod.s.T_A, rod.s.T_B
             x = min(self._whole_slip(i, rod), self.fastest) * math.isfinite(self.fastest)
             held, _ = sliding_arc(rod.s.T_A, rod.s.T_B, v0, x, self.strings.sections[i])
-            room[i] = max(held + adhesion_arc(rod), self._bent_arc(i, rest, rod)) - wraps[i]
+            room[i] = max(held + rod.adhesion_arc, self._bent_arc(i, rest, rod)) - wraps[i]
         strings = replace(self.strings, room=room).arcs(P_in, P_out, v0, wraps)
         for i, rod in there:
             torque[i] = rod.torque - strings.torque[i]
@@ -224,9 +221,7 @@ class Simulator:
                 continue
             rod, v0 = self._pulley(i, rest), state.v0
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
-            start = None if near is None else near.rods[i]
-            if start is not None and start.s.q.size != 4 * rod.model.nodes.size:
-                start = None
+            start = near.rods[i] if near is not None and near.rods else None
             try:
                 found = flow(rod, v0, P_in, P_out, start=start)
             except ConvergenceError:
@@ -245,14 +240,13 @@ class Simulator:
         if (i, wrap, tension) not in self._known:
             shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, tension)
             span = max(0.5 * float(min(spans[i], spans[i - 1])), shortest)
-            R = drive.pulleys[i].R
-            rod = FlowPulley(drive.belt, self.law, drive.friction, R, wrap, span, tension)
-            self._known[i, wrap, tension] = rod
+            laws, R = (drive.belt, self.law, drive.friction), drive.pulleys[i].R
+            self._known[i, wrap, tension] = FlowPulley(*laws, R, wrap, span, tension)
         return self._known[i, wrap, tension]
 
     def _whole_slip(self, i: int, rod: FlowState) -> float:
         """Return the sliding speed where the ribs are seated if nothing sticks [m/s], else 0."""
-        if adhesion_arc(rod) > 0.0:
+        if rod.adhesion_arc > 0.0:
             return 0.0
         points = rod.touching
         stiffness = float(self.law.stiffness(self.law.penetration(np.median(points["f_N"]))))

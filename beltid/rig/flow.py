@@ -90,6 +90,12 @@ class FlowState:
         return self.s.now.ravel()
 
     @property
+    def adhesion_arc(self) -> float:
+        """Angle on which the belt sticks [rad]; a single point is no adhesion arc."""
+        width, sticks = np.abs(np.gradient(self.points["theta"])), self.points["sticks"]
+        return float(width[sticks].sum()) if (sticks[1:] & sticks[:-1]).any() else 0.0
+
+    @property
     def touching(self) -> Points:
         """The points that touch the pulley."""
         return self.points[self.points["f_N"] > 0.0]
@@ -107,14 +113,15 @@ def flow(
     """Find the steady flow of a belt over one pulley, with the effective forces of both spans [N].
 
     Without T_out the speed ``omega`` of the pulley [rad/s] is given, to reach points at which the
-    whole arc slides. The iteration starts from a similar state of the same pulley, ``start``. A
+    whole arc slides. The iteration starts from a similar state on the same mesh, ``start``. A
     ConvergenceError says that none was found, as with forces that friction cannot hold.
     """
     contact = pulley.model.system.pulley._replace(surface=pulley.surface)
     system = pulley.model.system._replace(pulley=contact)
     weights, given = np.diag([1.0, 0.0 if T_out is None else 1.0]), np.array([T_in, T_out or 0.0])
     search = _Search(system, v0, weights, given, State.of(system.mesh))
-    for near, scale in [(start, LAST_SCALE), (start, SIMILAR_SCALE)] if start else []:
+    is_like = start is not None and start.s.q.size == search.s.q.size
+    for near, scale in [(start, LAST_SCALE), (start, SIMILAR_SCALE)] if start and is_like else []:
         s, speed = search.s, omega if T_out is None else near.W * v0
         s.now[:], s.q[:], s.u[:] = near.s.now, near.s.q, (near.s.u[0], speed)
         if search.solve(given, scale) and search.descend(scale):

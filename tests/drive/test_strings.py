@@ -239,8 +239,7 @@ def test_share_of_friction_below_the_slowest_speed_of_the_rig() -> None:
     # creep speed grows almost in proportion to the fall of P: 2.5 mm/s are reached half-way here
     simulator = Simulator(two_pulleys())
     result = simulator.solve(DrivePoint(22.0, 310.0, (0.0, 16.0)))
-    state = result.state
-    shares = result.columns
+    state, shares = result.state, result.columns
     entry = np.divide(*belt_on(0.05, state.P_in[0], state.v0, LAW_5PK))
 
     def creep(P: float) -> float:

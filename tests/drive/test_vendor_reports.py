@@ -11,13 +11,11 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from drives import two_pulleys
 
 from beltid.drive.geometry import layout
 from beltid.drive.limits import installed_belts
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
 from beltid.drive.simulator import Simulator
-from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Belt
 
@@ -127,12 +125,6 @@ def test_belts_within_their_tolerance_have_the_tensions_of_the_report(report: st
         assert result.rest.hub_force[-1] == pytest.approx(hub, rel=6e-3)
     shortest, longest = (belts[name].drive.belt_length for name in ("min", "max"))
     assert longest - shortest == pytest.approx(2e-3 * tolerance, rel=1e-12)
-
-
-def test_a_given_slack_force_has_no_belts_within_a_tolerance() -> None:
-    drive, point = two_pulleys(installation="slack_force"), DrivePoint(62.8, 150.0, (0.0, 5.0))
-    with pytest.raises(InputError, match="belt_length_tolerance_m: must be left out"):
-        installed_belts(drive, "string", point, 1e-3)
 
 
 def test_an_arm_at_its_stop_keeps_its_place() -> None:

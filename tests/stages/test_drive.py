@@ -125,6 +125,7 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
             points(torque={"driven": [1, 2, 3]}, speed=[1, 2]),
             "driver_speed_rad_s: 2 values, must be 1 or 3",
         ),
+        ({"installation": "slack_force", "belt_length_tolerance_m": 0.001}, "tolerance_m: must be"),
         (points(torque={"pump": [1]}), "torque_N_m: pump is not the name of a pulley"),
     ],
 )
