@@ -6,38 +6,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden.test_chain import true_mu
+from golden.test_mechanics import LAW_5PK as LAW
+from golden.test_mechanics import section_of, two_pulleys
 
 import beltid
 from beltid.config import load_config
 from beltid.errors import InputError
 
-LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
-TWO = [
-    {"name": "driver", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.05},
-    {"name": "driven", "x_m": 0.25, "y_m": 0.0, "radius_m": 0.05},
-]
+TWO = two_pulleys(0.05, 0.25)
 
 
 def true_surface() -> beltid.FrictionSurface:
     """True friction of the synthetic 5PK belt at the forces and speeds of its friction rig."""
-    mu0, a, c, v0 = 0.95, 0.18, 0.45, 0.0015  # rigdata/README.md
     f, v = np.geomspace(900.0, 9000.0, 40), np.geomspace(0.0025, 0.042, 20)
-    speed = np.log1p(v / v0) / np.log1p(0.01 / v0)
-    mu = mu0 * (f[:, None] / 5400.0) ** -a * (1.0 + c * (speed - 1.0))
-    return beltid.FrictionSurface(f, v, mu)
+    return beltid.FrictionSurface(f, v, true_mu("5pk", f[:, None], v))
 
 
-def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, Any]:
-    return {"operating_points": {"driver_speed_rad_s": [*speed], "torque_N_m": torque}}
+def points(torques: list[float], speeds: Any = (62.8,), pulley: str = "driven") -> dict[str, Any]:
+    return {"operating_points": {"driver_speed_rad_s": [*speeds], "torque_N_m": {pulley: torques}}}
 
 
 def config(**drive: Any) -> dict[str, Any]:
-    stated = {
-        "method": "string",
-        "initial_tension_N": [310],
-        "pulleys": TWO,
-    }
-    return {"drive": stated | points({"driven": [8, 16]}) | drive}
+    stated = section_of(initial_tension_N=[310], **points([8, 16]))
+    return {"drive": stated | drive}
 
 
 def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
@@ -56,7 +48,7 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
 
 
 def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> None:
-    asked = config(initial_tension_N=[155, 310], **points({"driven": [5, 10]}))
+    asked = config(initial_tension_N=[155, 310], **points([5, 10]))
     outcome = beltid.simulate_drive(asked, 1.0, LAW)
     limits = outcome.tables["slip_limits"]
     assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
@@ -66,7 +58,7 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
         assert row["slip_limit_torque_N_m"] == pytest.approx(
             row["adhesion_end_torque_N_m"], rel=1e-4
         )
-        at = points({"driven": [row["slip_limit_torque_N_m"]]})
+        at = points([row["slip_limit_torque_N_m"]])
         there = config(initial_tension_N=[row["initial_tension_N"]], **at)
         there = beltid.simulate_drive(there, 1.0, LAW).to_frame()
         # Euler-Eytelwein in the effective forces, at the pulley that lets go first
@@ -76,11 +68,11 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
 
 
 def test_what_the_laws_do_not_cover_is_reported() -> None:
-    slow = config(**points({"driven": [16]}, [5.0]))
+    slow = config(**points([16], [5.0]))
     outcome = beltid.simulate_drive(slow, true_surface(), LAW)
     assert any("100 % of the friction comes from sliding slower" in w for w in outcome.warnings)
     assert any("half of the trend" in note for note in outcome.notes)
-    heavy = config(**points({"driven": [8, 45, 70]}))
+    heavy = config(**points([8, 45, 70]))
     outcome = beltid.simulate_drive(heavy, true_surface(), LAW)
     frame = outcome.to_frame()
     assert list(frame["status"][4:]) == ["slack", "slack"]
@@ -103,7 +95,7 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
 def test_spans_too_short_for_rods_at_their_own_force() -> None:
     """Six bending lengths are 48 mm at 310 N, and 0.11 m at the 58 N of the loaded slack span."""
     pulleys = [TWO[0], TWO[1] | {"x_m": 0.105}]
-    drive = config(method="rod", pulleys=pulleys, **points({"driven": [8, 44]}))
+    drive = config(method="rod", pulleys=pulleys, **points([8, 44]))
     outcome = beltid.simulate_drive(drive, 1.0, LAW)
     assert set(outcome.to_frame()["run"]) == {"1"}
     (left_out,) = outcome.set_aside
@@ -121,11 +113,8 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
         ({"driver": "crank"}, "drive.driver: crank is not the name of a pulley"),
         ({"installation": "tensioner"}, "drive.tensioner: must be stated"),
         ({"initial_tension_N": None}, "drive.initial_tension_N: must be stated"),
-        (
-            points(torque={"driven": [1, 2, 3]}, speed=[1, 2]),
-            "driver_speed_rad_s: 2 values, must be 1 or 3",
-        ),
-        (points(torque={"pump": [1]}), "torque_N_m: pump is not the name of a pulley"),
+        (points([1, 2, 3], [1, 2]), "driver_speed_rad_s: 2 values, must be 1 or 3"),
+        (points([1], pulley="pump"), "torque_N_m: pump is not the name of a pulley"),
     ],
 )
 def test_drives_that_cannot_be_are_refused(change: dict[str, Any], said: str) -> None:
