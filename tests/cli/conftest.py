@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from golden.door import ROOT, done
 from typer.testing import CliRunner
 
 from beltid.cli import app
 
-ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"
 
 SHORT_CONFIG = """\
@@ -54,23 +53,15 @@ def finished(made_once: Any, recordings: Path) -> Path:
 def finish(recordings: Path, folder: Path) -> None:
     """Call the chain and the commands of the drive."""
     shutil.copytree(recordings, folder, dirs_exist_ok=True)
-    calls = (
-        ["run", "beltid.yaml", "--no-report", "-j", "1"],
-        [
-            *("simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"),
-            *("-c", "drive.yaml"),
-        ],
-        ["compare-drive", "slip.parquet", "drive.parquet"],
-    )
-    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+    laws = "surface.parquet stiffness.parquet"
+    with pytest.MonkeyPatch.context() as patch:
         # the limits of a drive roughly
         patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
-        for call in calls:
-            done = CliRunner().invoke(app, call)
-            assert done.exit_code == 0, done.stderr
-            if call[0] == "run":
-                for kind in PUBLISHED:
-                    shutil.copy(f"runs/5pk/{kind}.parquet", folder)
+        done(folder, "run beltid.yaml --no-report -j 1")
+        for kind in PUBLISHED:
+            shutil.copy(folder / f"runs/5pk/{kind}.parquet", folder)
+        done(folder, f"simulate-drive {laws} --from slip.parquet -c drive.yaml")
+        done(folder, "compare-drive slip.parquet drive.parquet")
 
 
 def working_copy(

@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from golden import benches
-from typer.testing import CliRunner
 
 import beltid
-from beltid.cli import app
 from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
 
 FORCES = np.geomspace(400.0, 12000.0, 8)
@@ -49,27 +46,9 @@ def law() -> ContactLaw:
     )
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Stiffness and surface of a 6PK belt with the known law, and the config beside them."""
-    folder = tmp_path_factory.mktemp("made")
-    (folder / "beltid.yaml").write_text(
-        "belt: {name: six, type: 6PK, ribs: 6}\ndata: {origin: synthetic}\n"
-    )
-    benches.press().to_csv(folder / "press.csv", index=False)
-    benches.Rig().recording()[benches.CELLS].to_csv(folder / "rig.csv", index=False)
-    for command in (
-        ("fit-stiffness", "press.csv"),
-        ("fit-friction", "rig.csv"),
-        ("build-surface", "friction.parquet"),
-    ):
-        done = CliRunner().invoke(app, [command[0], str(folder / command[1])])
-        assert done.exit_code == 0, done.stderr
-    return folder
-
-
 @pytest.fixture
-def results(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of these results that a test may change."""
+def results(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of stiffness and surface of the small bench that a test may change."""
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    return shutil.copytree(made, tmp_path / "results")
+    others = shutil.ignore_patterns("surface_refined.parquet", "simulated.parquet")
+    return shutil.copytree(small, tmp_path / "results", ignore=others)

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+from golden.door import configured, done
 
 R = 0.05
 ARCS, TENSIONS, SPEEDS = (40.0, 82.0), (100.0, 200.0, 411.0), (0.05, 0.21, 0.84)
@@ -168,3 +171,22 @@ def speed_loss(loss_per_N_m: float = 0.004, seed: int = 5) -> pd.DataFrame:
         }
         frames.append(pd.DataFrame(frame))
     return pd.concat(frames, ignore_index=True)
+
+
+def small(folder: Path) -> None:
+    """Fill a folder with a small bench and its results: two arcs, three tensions."""
+    Rig().recording()[CELLS].to_csv(folder / "rig.csv", index=False)
+    press().to_csv(folder / "press.csv", index=False)
+    speed_loss().to_csv(folder / "speedloss.csv", index=False)
+    config = {
+        "belt": {"name": "small", "type": "6PK", "ribs": 6},
+        "simulation": {"method": "steady", "elements": 20},
+        "data": {"press": "press.csv", "rig": "rig.csv", "origin": "synthetic"},
+    }
+    configured(folder, config)
+    done(folder, "fit-stiffness press.csv")
+    done(folder, "fit-slip speedloss.csv")
+    done(folder, "fit-friction rig.csv")
+    done(folder, "build-surface friction.parquet")
+    done(folder, "refine-surface friction.parquet stiffness.parquet")
+    done(folder, "simulate-rig surface.parquet stiffness.parquet --jobs 1")
