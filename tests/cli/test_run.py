@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from golden.door import configured
 
-BELT = Path("runs/5pk")
+BELT = Path("runs/small")
 STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
 SURFACE, REFINED = BELT / "surface.parquet", BELT / "surface_refined.parquet"
 QUICK = ("--method", "steady", "--arc", "82", "--tension", "411", "-o", "x.parquet")
@@ -64,9 +65,9 @@ def test_a_result_that_may_not_be_read_stops_its_step_only(
 @pytest.fixture
 def others(ran: Path, beltid: Any) -> Path:
     """Configs of another press segment and of another pulley, beside results of the first."""
-    config = (ran / "beltid.yaml").read_text()
-    (ran / "segment.yaml").write_text(f"{config}press: {{segment_length_cm: 2}}\n")
-    (ran / "pulley.yaml").write_text(config.replace("rig:", "rig:\n  pulley_radius_m: 0.052", 1))
+    config = json.loads((ran / "beltid.yaml").read_text())
+    configured(ran, config | {"press": {"segment_length_cm": 2}}, "segment.yaml")
+    configured(ran, config | {"rig": {"pulley_radius_m": 0.052}}, "pulley.yaml")
     return ran
 
 
@@ -119,8 +120,8 @@ def verdict(folder: Path) -> str:
 @pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, beltid: Any) -> None:
-    config = (ran / "beltid.yaml").read_text()
-    (ran / "beltid.yaml").write_text(f"{config}contact: {{points_per_element: 4}}\n")
+    config = json.loads((ran / "beltid.yaml").read_text())
+    configured(ran, config | {"contact": {"points_per_element": 4}})
     before = (BELT / "compare_refined.parquet").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
@@ -140,8 +141,9 @@ def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, b
 def test_results_of_a_recording_that_is_not_named_any_more_are_not_shown(
     ran: Path, beltid: Any
 ) -> None:
-    config = (ran / "beltid.yaml").read_text()
-    (ran / "beltid.yaml").write_text(config.replace(", speedloss: speedloss.csv", ""))
+    config = json.loads((ran / "beltid.yaml").read_text())
+    del config["data"]["speedloss"]
+    configured(ran, config)
     done = beltid("run", "beltid.yaml", "-j", "1")
     assert done.exit_code == 0, done.stderr
     page = (BELT / "report.html").read_text()

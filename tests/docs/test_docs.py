@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -94,22 +95,13 @@ def test_the_tables_that_others_measured_are_reduced_as_their_page_says(tmp_path
 
 
 def shown_in_readme() -> list[tuple[str, list[str]]]:
-    """Commands of the README, each with the lines that it is said to print."""
-    shown: list[tuple[str, list[str]]] = []
-    for line in README.read_text().splitlines():
-        if line.startswith("    $ "):
-            shown.append((line.removeprefix("    $ "), []))
-        elif shown and (line.startswith("    ") or not line):
-            shown[-1][1].append(line.removeprefix("    ").rstrip())
-        elif shown:
-            shown.append(("", []))  # text ends the block of a command
-    return [(command, lines) for command, lines in shown if command]
-
-
-def parts(lines: list[str]) -> list[str]:
-    """What stands between the dots of a block, each part in one piece."""
-    text = "\n".join(lines).strip("\n")
-    return [part.strip("\n") for part in re.split(r"^\.\.\.$", text, flags=re.M)]
+    """Commands of the README, each with what it is said to print, the pieces between dots."""
+    shown = re.findall(r"^    \$ (.+)\n((?:    (?!\$ ).*\n|\n)*)", README.read_text(), re.M)
+    pieces = (re.split(r"^\.\.\.$", textwrap.dedent(text), flags=re.M) for _, text in shown)
+    return [
+        (command, [piece.strip("\n") for piece in told])
+        for (command, _), told in zip(shown, pieces, strict=True)
+    ]
 
 
 @pytest.fixture
@@ -126,10 +118,10 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
     shown, wrong = shown_in_readme(), []
     assert len(shown) > 3
-    for command, lines in shown:
+    for command, pieces in shown:
         said = done(project, command.removeprefix("beltid "), COLUMNS="80")
         printed = "\n".join(line.rstrip() for line in (said.stdout + said.stderr).splitlines())
-        wrong += [f"$ {command}\n{part}" for part in parts(lines) if part not in printed]
+        wrong += [f"$ {command}\n{piece}" for piece in pieces if piece not in printed]
         if command.startswith("beltid run"):  # the same results: the steps find them up to date
             shutil.copytree(project / "runs" / "5pk", project / "tour")
     assert not wrong, "\n".join(wrong)

@@ -50,5 +50,5 @@ def law() -> ContactLaw:
 def results(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of stiffness and surface of the small bench that a test may change."""
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    others = shutil.ignore_patterns("surface_refined.parquet", "simulated.parquet")
+    others = shutil.ignore_patterns("runs", "surface_refined.parquet", "simulated.parquet")
     return shutil.copytree(small, tmp_path / "results", ignore=others)

@@ -6,6 +6,7 @@ drive: a small loss in proportion to the torque.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -174,19 +175,17 @@ def speed_loss(loss_per_N_m: float = 0.004, seed: int = 5) -> pd.DataFrame:
 
 
 def small(folder: Path) -> None:
-    """Fill a folder with a small bench and its results: two arcs, three tensions."""
+    """Fill a folder with a small bench: two arcs, three tensions; its results here and in runs/."""
     Rig().recording()[CELLS].to_csv(folder / "rig.csv", index=False)
     press().to_csv(folder / "press.csv", index=False)
     speed_loss().to_csv(folder / "speedloss.csv", index=False)
     config = {
         "belt": {"name": "small", "type": "6PK", "ribs": 6},
         "simulation": {"method": "steady", "elements": 20},
-        "data": {"press": "press.csv", "rig": "rig.csv", "origin": "synthetic"},
+        "data": {kind: f"{kind}.csv" for kind in ("press", "rig", "speedloss")},
     }
+    config["data"]["origin"] = "synthetic"
     configured(folder, config)
-    done(folder, "fit-stiffness press.csv")
-    done(folder, "fit-slip speedloss.csv")
-    done(folder, "fit-friction rig.csv")
-    done(folder, "build-surface friction.parquet")
-    done(folder, "refine-surface friction.parquet stiffness.parquet")
-    done(folder, "simulate-rig surface.parquet stiffness.parquet --jobs 1")
+    done(folder, "run beltid.yaml --no-report --jobs 1")
+    for name in ("stiffness", "slip", "friction", "surface", "surface_refined", "simulated"):
+        shutil.copy(folder / "runs" / "small" / f"{name}.parquet", folder)

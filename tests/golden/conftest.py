@@ -26,4 +26,4 @@ def belt_5pk(made_once: MakeOnce) -> Path:
 @pytest.fixture
 def bench(small: Path, tmp_path: Path) -> Path:
     """A copy of the small bench that a test may change."""
-    return Path(shutil.copytree(small, tmp_path / "bench"))
+    return Path(shutil.copytree(small, tmp_path / "bench", ignore=shutil.ignore_patterns("runs")))
