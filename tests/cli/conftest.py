@@ -33,12 +33,11 @@ def finished(made_once: Any, small: Path) -> Path:
     return made_once("finished", fill)
 
 
-def working_copy(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *without: str
-) -> Path:
-    """A copy of a folder to work in, as the current folder."""
+@pytest.fixture
+def ran(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it to work in, as the current folder, with the results of the chain in runs/."""
     copy = tmp_path / "bench"
-    shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(*without))
+    shutil.copytree(finished, copy)
     monkeypatch.chdir(copy)
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
     monkeypatch.setenv("COLUMNS", "100")
@@ -46,22 +45,14 @@ def working_copy(
 
 
 @pytest.fixture
-def bench(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the recordings and the published results beside them."""
-    return working_copy(finished, tmp_path, monkeypatch, "runs")
+def bench(ran: Path) -> Path:
+    """The same, with the recordings and the published results alone."""
+    shutil.rmtree(ran / "runs")
+    return ran
 
 
 @pytest.fixture
-def ran(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same, with the results of the whole chain in runs/."""
-    return working_copy(finished, tmp_path, monkeypatch)
-
-
-Call = Callable[..., object]
-
-
-@pytest.fixture
-def beltid(monkeypatch: pytest.MonkeyPatch) -> Call:
+def beltid(monkeypatch: pytest.MonkeyPatch) -> Callable[..., object]:
     """The command line in this process: exit_code, stdout, stderr.
 
     Without workers: to start them takes longer than most of these tests; tests/chain has them.
