@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +16,10 @@ SPEEDS = np.geomspace(0.0025, 0.04, 5)
 K_LINEAR, K_QUADRATIC = 6.5e7, 3.0256e11  # Eq. (3) of the paper
 
 
-def known_mu(force: Any, speed: Any) -> Any:
-    """Falls with the force, rises with the speed, as the paper's Fig. 13."""
-    return 0.9 * (np.asarray(force) / 3000.0) ** -0.17 * (np.asarray(speed) / 0.01) ** 0.16
-
-
 @pytest.fixture(scope="session")
 def law() -> ContactLaw:
-    mu = known_mu(FORCES[:, None], SPEEDS)
+    # falls with the force, rises with the speed, as the paper's Fig. 13
+    mu = 0.9 * (FORCES[:, None] / 3000.0) ** -0.17 * (SPEEDS / 0.01) ** 0.16
     return ContactLaw(
         origin="synthetic",
         belt=BeltFacts(name="5pk", type="5PK", ribs=5),

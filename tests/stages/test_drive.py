@@ -23,12 +23,12 @@ def true_surface() -> beltid.FrictionSurface:
     return beltid.FrictionSurface(f, v, true_mu("5pk", f[:, None], v))
 
 
-def points(torques: list[float], speeds: Any = (62.8,), pulley: str = "driven") -> dict[str, Any]:
-    return {"operating_points": {"driver_speed_rad_s": [*speeds], "torque_N_m": {pulley: torques}}}
+def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, Any]:
+    return {"operating_points": {"driver_speed_rad_s": [*speed], "torque_N_m": torque}}
 
 
 def config(**drive: Any) -> dict[str, Any]:
-    stated = section_of(initial_tension_N=[310], **points([8, 16]))
+    stated = section_of(initial_tension_N=[310], **points({"driven": [8, 16]}))
     return {"drive": stated | drive}
 
 
@@ -48,7 +48,7 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
 
 
 def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> None:
-    asked = config(initial_tension_N=[155, 310], **points([5, 10]))
+    asked = config(initial_tension_N=[155, 310], **points({"driven": [5, 10]}))
     outcome = beltid.simulate_drive(asked, 1.0, LAW)
     limits = outcome.tables["slip_limits"]
     assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
@@ -58,7 +58,7 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
         assert row["slip_limit_torque_N_m"] == pytest.approx(
             row["adhesion_end_torque_N_m"], rel=1e-4
         )
-        at = points([row["slip_limit_torque_N_m"]])
+        at = points({"driven": [row["slip_limit_torque_N_m"]]})
         there = config(initial_tension_N=[row["initial_tension_N"]], **at)
         there = beltid.simulate_drive(there, 1.0, LAW).to_frame()
         # Euler-Eytelwein in the effective forces, at the pulley that lets go first
@@ -68,11 +68,11 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
 
 
 def test_what_the_laws_do_not_cover_is_reported() -> None:
-    slow = config(**points([16], [5.0]))
+    slow = config(**points({"driven": [16]}, [5.0]))
     outcome = beltid.simulate_drive(slow, true_surface(), LAW)
     assert any("100 % of the friction comes from sliding slower" in w for w in outcome.warnings)
     assert any("half of the trend" in note for note in outcome.notes)
-    heavy = config(**points([8, 45, 70]))
+    heavy = config(**points({"driven": [8, 45, 70]}))
     outcome = beltid.simulate_drive(heavy, true_surface(), LAW)
     frame = outcome.to_frame()
     assert list(frame["status"][4:]) == ["slack", "slack"]
@@ -95,7 +95,7 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
 def test_spans_too_short_for_rods_at_their_own_force() -> None:
     """Six bending lengths are 48 mm at 310 N, and 0.11 m at the 58 N of the loaded slack span."""
     pulleys = [TWO[0], TWO[1] | {"x_m": 0.105}]
-    drive = config(method="rod", pulleys=pulleys, **points([8, 44]))
+    drive = config(method="rod", pulleys=pulleys, **points({"driven": [8, 44]}))
     outcome = beltid.simulate_drive(drive, 1.0, LAW)
     assert set(outcome.to_frame()["run"]) == {"1"}
     (left_out,) = outcome.set_aside
@@ -113,8 +113,11 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
         ({"driver": "crank"}, "drive.driver: crank is not the name of a pulley"),
         ({"installation": "tensioner"}, "drive.tensioner: must be stated"),
         ({"initial_tension_N": None}, "drive.initial_tension_N: must be stated"),
-        (points([1, 2, 3], [1, 2]), "driver_speed_rad_s: 2 values, must be 1 or 3"),
-        (points([1], pulley="pump"), "torque_N_m: pump is not the name of a pulley"),
+        (
+            points(torque={"driven": [1, 2, 3]}, speed=[1, 2]),
+            "driver_speed_rad_s: 2 values, must be 1 or 3",
+        ),
+        (points(torque={"pump": [1]}), "torque_N_m: pump is not the name of a pulley"),
     ],
 )
 def test_drives_that_cannot_be_are_refused(change: dict[str, Any], said: str) -> None:
