@@ -113,6 +113,14 @@ def part_of_rig() -> PartOfRig:
     return part
 
 
+@pytest.fixture(scope="session")
+def small(made_once: MakeOnce) -> Path:
+    """Folder with the small bench of the golden corpus (synthetic) and its results."""
+    from golden import benches
+
+    return made_once("golden_small", benches.small)
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of a page stay empty: for tests of what is around them, and written when."""

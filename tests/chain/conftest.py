@@ -31,6 +31,4 @@ def by_one(made_once: Any, recordings: Path) -> Path:
 @pytest.fixture
 def bench(recordings: Path, tmp_path: Path) -> Path:
     """A copy of the recordings and configs to work in."""
-    for name in ("press.csv", "rig.csv", "one.yaml", "two.yaml"):
-        shutil.copy(recordings / name, tmp_path)
-    return tmp_path
+    return Path(shutil.copytree(recordings, tmp_path, dirs_exist_ok=True))

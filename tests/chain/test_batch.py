@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from golden.benches import speed_loss
 from small_bench import beltid, contents, environment
 
 from beltid.stages import friction
@@ -64,11 +65,7 @@ def test_a_running_belt_is_reduced_and_not_simulated(bench: Path) -> None:
 
 def drives(folder: Path, names: list[str]) -> list[str]:
     """Configs of belts of which only the speed loss was recorded."""
-    text = "run,time_s,initial_tension_N,torque_N_m,driver_speed_rad_s,driven_speed_rad_s\n"
-    for run, torque, driven in (("S0", 0.05, 62.79), ("S1", 2.0, 62.5), ("S2", 4.0, 62.2)):
-        rows = (f"{run},{0.1 * i:g},300,{torque},62.8,{driven + 0.01 * (i % 3)}" for i in range(40))
-        text += "".join(f"{row}\n" for row in rows)
-    (folder / "slip.csv").write_text(text)
+    speed_loss().to_csv(folder / "slip.csv", index=False)
     for name in names:
         words = f"belt: {{name: {name}}}\ndata: {{speedloss: slip.csv}}\n"
         (folder / f"{name}.yaml").write_text(words)

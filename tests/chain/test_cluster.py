@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import time
+import os
+import signal
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
-from small_bench import BELTID, beltid, contents, environment
+from small_bench import BELTID, beltid, contents, read_until, started
 
 from beltid.batch import run as clusters
 from beltid.errors import InputError
@@ -21,79 +19,31 @@ from beltid.errors import InputError
 if find_spec("distributed") is None:
     pytest.skip("distributed is not installed", allow_module_level=True)
 
-START_WITHIN_S = 30.0
-
-
-class Cluster:
-    """A scheduler and two workers that do not know the folder of the batch."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.file = folder, folder / "scheduler.json"
-        self.processes: list[subprocess.Popen[bytes]] = []
-        local = ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(self.file))
-        self.start("scheduler", *local, "--port", "0")
-        deadline = time.monotonic() + START_WITHIN_S
-        while not (self.file.exists() and self.file.stat().st_size):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        for name in ("first", "second"):
-            own = ("--local-directory", str(folder / name), "--name", name)
-            self.start("worker", *local, "--nthreads", "1", "--no-nanny", *own)
-
-    def start(self, *arguments: str) -> None:
-        """Start a process of Dask."""
-        command = [sys.executable, "-m", "dask", *arguments]
-        quiet: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.processes.append(
-            subprocess.Popen(command, cwd=self.folder, env=environment(), **quiet)
-        )
-
-    @property
-    def address(self) -> str:
-        """Address of the scheduler."""
-        return str(json.loads(self.file.read_text())["address"])
-
-    def stop(self) -> None:
-        """End all of it."""
-        for process in reversed(self.processes):
-            process.kill()
-            process.wait(timeout=10)
-
 
 @pytest.fixture
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    made = Cluster(tmp_path_factory.mktemp("cluster"))
-    try:
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A scheduler and two workers that do not know the folder of the batch."""
+    from distributed import LocalCluster
+
+    own = {"local_directory": str(tmp_path_factory.mktemp("cluster")), "dashboard_address": None}
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **own) as made:
         yield made
-    finally:
-        made.stop()
 
 
 @pytest.mark.long
 def test_a_worker_killed_in_the_middle_changes_no_byte(
-    bench: Path, by_one: Path, cluster: Cluster
+    bench: Path, by_one: Path, cluster: Any
 ) -> None:
-    process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "two.yaml", "--no-report"],
-        cwd=bench,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        env=environment(DASK_SCHEDULER_ADDRESS=cluster.address),
-    )
-    assert process.stderr is not None
-    talk = ""
-    while "runs, transient" not in talk:  # the first simulated runs are on their way
-        line = process.stderr.readline()
-        assert line, talk
-        talk += line
-    cluster.processes[-1].kill()
+    settings = {"DASK_SCHEDULER_ADDRESS": cluster.scheduler_address}
+    process = started(bench, *BELTID, "run", "one.yaml", "two.yaml", "--no-report", **settings)
+    read_until(process, "runs, transient")  # the first simulated runs are on their way
+    os.kill(cluster.workers[1].pid, signal.SIGKILL)
     assert process.poll() is None
-    talk += process.stderr.read()
-    assert process.wait(timeout=60) == 0, talk
-    process.stderr.close()
+    _, talk = process.communicate(timeout=120)
+    assert process.returncode == 0, talk
     assert contents(bench / "runs") == contents(by_one)
-    assert not any("runs" in str(path) for path in cluster.folder.rglob("*"))
+    local = Path(cluster.workers[0].local_directory).parent
+    assert not any("runs" in str(path) for path in local.rglob("*"))
 
 
 @pytest.mark.parametrize("arguments", [(), ("--scheduler", "tcp://127.0.0.1:9")])

@@ -6,13 +6,12 @@ import contextlib
 import logging
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_bench import BELTID, beltid, contents, environment
+from small_bench import BELTID, beltid, contents, read_until, started
 
 from beltid.batch.chain import FAILED, Belt
 from beltid.batch.run import run_in_processes
@@ -57,38 +56,6 @@ def test_a_process_that_is_killed_costs_no_result_and_its_belt_is_named(
 # --- a program that is interrupted -------------------------------------------------------------
 
 
-def hear_signals() -> None:
-    """In a new process: signals do what they do, also where the tests run in the background."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
-def begun(folder: Path, *command: str) -> subprocess.Popen[str]:
-    """A program at work, in a group of its own, with a temporary folder of its own."""
-    (folder / "tmp").mkdir()
-    return subprocess.Popen(
-        command,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(TMPDIR=str(folder / "tmp")),
-        start_new_session=True,
-        preexec_fn=hear_signals,
-    )
-
-
-def read_until(process: subprocess.Popen[str], words: str) -> str:
-    """What a program says, to the line with some words."""
-    assert process.stderr is not None
-    talk = ""
-    while words not in talk:
-        line = process.stderr.readline()
-        assert line, talk
-        talk += line
-    return talk
-
-
 def left_of(group: int, within_s: float = 20.0) -> list[str]:
     """Processes of a group that still live after some time, or none as soon as they have ended."""
     end = time.monotonic() + within_s
@@ -103,26 +70,24 @@ def left_of(group: int, within_s: float = 20.0) -> list[str]:
         time.sleep(0.05)
 
 
-def to_all(pid: int, number: int) -> None:
-    """As Ctrl-C reaches the whole group; a signal of the system reaches the program alone."""
-    os.killpg(pid, number)
-
-
+# Ctrl-C reaches the whole group; a signal of the system reaches the program alone
 @needs_proc
 @pytest.mark.parametrize(
-    ("send", "number", "jobs"),
+    ("send", "number"),
     [
-        (to_all, signal.SIGINT, "2"),
-        (os.kill, signal.SIGKILL, "2"),
-        pytest.param(os.kill, signal.SIGTERM, "2", marks=pytest.mark.long),
-        pytest.param(to_all, signal.SIGHUP, "2", marks=pytest.mark.long),
+        (os.killpg, signal.SIGINT),
+        (os.kill, signal.SIGKILL),
+        pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long),
+        pytest.param(os.killpg, signal.SIGHUP, marks=pytest.mark.long),
     ],
 )
 def test_an_interrupt_ends_all_and_keeps_what_is_finished(
-    bench: Path, by_one: Path, send: Callable[[int, int], None], number: int, jobs: str
+    bench: Path, by_one: Path, send: Callable[[int, int], None], number: int
 ) -> None:
     both = ("one.yaml", "two.yaml")
-    process = begun(bench, *BELTID, "run", *both, "-j", jobs, "--no-report")
+    (bench / "tmp").mkdir()
+    command = (*BELTID, "run", *both, "-j", "2", "--no-report")
+    process = started(bench, *command, TMPDIR=str(bench / "tmp"))
     talk = read_until(process, "fit-friction: done")
     send(process.pid, number)
     stdout, rest = process.communicate(timeout=60)

@@ -1,12 +1,19 @@
-"""The chain over one belt: what decides, what is done without a recording, what is refused."""
+"""The chain over one belt: what is done, what its report shows, results that fit no others."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from golden.door import configured
+
+BELT = Path("runs/small")
+STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
+SURFACE, REFINED = BELT / "surface.parquet", BELT / "surface_refined.parquet"
+QUICK = ("--method", "steady", "--arc", "82", "--tension", "411", "-o", "x.parquet")
 
 
 def row_of(done: Any) -> dict[str, Any]:
@@ -50,3 +57,97 @@ def test_a_result_that_may_not_be_read_stops_its_step_only(
     states = row_of(done)["stages"]
     assert (states[step], states["fit-stiffness"]) == ("failed", "done")
     assert f"{name}: no permission to read it" in done.stderr
+
+
+# --- results that do not belong together, refused by every command that would use them as one ---
+
+
+@pytest.fixture
+def others(ran: Path, beltid: Any) -> Path:
+    """Configs of another press segment and of another pulley, beside results of the first."""
+    config = json.loads((ran / "beltid.yaml").read_text())
+    configured(ran, config | {"press": {"segment_length_cm": 2}}, "segment.yaml")
+    configured(ran, config | {"rig": {"pulley_radius_m": 0.052}}, "pulley.yaml")
+    return ran
+
+
+def refused(done: Any, *named: object) -> None:
+    """The command says no, and names files, remedies and whatever else."""
+    assert done.exit_code == 2, done.stdout
+    text = " ".join(done.stderr.split())
+    for name in named:
+        assert str(name) in text, text
+
+
+def test_a_law_of_another_segment_is_refused_with_the_surface(others: Path, beltid: Any) -> None:
+    """More in the golden corpus; the published surface was made without any stiffness."""
+    made = beltid("fit-stiffness", "press.csv", "-c", "segment.yaml", "-o", STIFFNESS)
+    assert made.exit_code == 0, made.stderr
+    slip = BELT / "slip.parquet"
+    drive = ("simulate-drive", REFINED, STIFFNESS, "--from", slip, "-o", "x.parquet")
+    for call in (drive, ("plan", REFINED, STIFFNESS, "-o", "x.csv")):
+        refused(beltid(*call), REFINED, STIFFNESS, "beltid refine-surface")
+    assert not list(others.glob("x.*"))
+    assert beltid("export", "c", BELT, "--surface", "published").exit_code == 0
+    assert beltid("simulate-rig", SURFACE, STIFFNESS, *QUICK).exit_code == 0
+
+
+def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
+    others: Path, beltid: Any
+) -> None:
+    simulated = BELT / "simulated.parquet"
+    made = beltid("fit-friction", "rig.csv", "-c", "pulley.yaml", "-o", FRICTION)
+    assert made.exit_code == 0, made.stderr
+    refused(beltid("compare", FRICTION, simulated, "-o", "x.parquet"), simulated, "simulate-rig")
+    refused(beltid("simulate-rig", SURFACE, STIFFNESS, *QUICK), SURFACE, "build-surface")
+    given = ("--from", FRICTION)
+    refused(beltid("simulate-rig", SURFACE, STIFFNESS, *given, *QUICK), SURFACE, FRICTION)
+    refused(beltid("plan", REFINED, STIFFNESS, *given, "-o", "x.csv"), REFINED, FRICTION)
+    refused(beltid("report", BELT), SURFACE, FRICTION)
+    refused(beltid("export", "c", BELT), REFINED, FRICTION, "refine-surface")
+
+
+# --- the report of a run in which something failed, or is not wanted any more -------------------
+
+
+def verdict(folder: Path) -> str:
+    text = (folder / "report.html").read_text()
+    found = re.search(r'id="verdict">([^<]*)<', text)
+    assert found
+    return found[1]
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("undrawn")
+def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, beltid: Any) -> None:
+    config = json.loads((ran / "beltid.yaml").read_text())
+    configured(ran, config | {"contact": {"points_per_element": 4}})
+    before = (BELT / "compare_refined.parquet").read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
+        done = beltid("run", "beltid.yaml", "-j", "1", "--json")
+    assert done.exit_code == 3, done.stderr
+    text = verdict(BELT)
+    assert text.startswith("Incomplete: refine-surface failed (exit status 3): ")
+    assert "no convergence" in text
+    assert "proven" not in text.replace("not proven", "")
+    page = (BELT / "report.html").read_text()
+    assert 'id="figure-compare_refined"' not in page
+    assert "compare_refined.parquet, crossvalidation.parquet: not shown" in page
+    assert (BELT / "compare_refined.parquet").read_bytes() == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_results_of_a_recording_that_is_not_named_any_more_are_not_shown(
+    ran: Path, beltid: Any
+) -> None:
+    config = json.loads((ran / "beltid.yaml").read_text())
+    del config["data"]["speedloss"]
+    configured(ran, config)
+    done = beltid("run", "beltid.yaml", "-j", "1")
+    assert done.exit_code == 0, done.stderr
+    page = (BELT / "report.html").read_text()
+    assert "slip.parquet: not shown, the config names no speedloss recording" in page
+    assert ": there is no slip.parquet" in page
+    assert 'id="figure-slip"' not in page
+    assert json.loads(beltid("report", BELT, "--json").stdout)["up_to_date"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import doctest
+import json
+import os
 import pydoc
 import re
 import runpy
@@ -10,16 +12,18 @@ import shlex
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
+from typing import Any
 
+import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from golden.door import ROOT, done
 
 import beltid
-from beltid.cli import app
+from beltid.export.targets import TARGETS
 from beltid.store.artifact import read_artifact
 
-ROOT = Path(__file__).parents[2]
 # everything but the writing of pages
 SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dummy")
 TUTORIAL = ROOT / "docs" / "tutorial.md"
@@ -40,26 +44,30 @@ def commands(*pages: Path) -> list[str]:
     return [line.removeprefix("$ ") for line in lines]
 
 
+def follow(folder: Path, *pages: Path) -> str:
+    """Give the commands of some pages in a folder, one after the other; what they say."""
+    said, environment = "", os.environ | {"BELTID": str(ROOT)}
+    for command in commands(*pages):
+        if command.startswith("beltid "):
+            said += done(folder, command.removeprefix("beltid ")).stdout
+        else:
+            python = re.sub(r"^python ", f"{shlex.quote(sys.executable)} ", command)
+            subprocess.run(python, shell=True, check=True, cwd=folder, env=environment)
+    return said
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_commands_of_the_tutorial_run_one_after_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("BELTID", str(ROOT))
-    monkeypatch.delenv("BELTID_CONFIG", raising=False)
     assert len(commands(*ONWARD)) > 10
-    for command in commands(*ONWARD):
-        if command.startswith("beltid "):
-            done = CliRunner().invoke(app, shlex.split(command)[1:])
-            assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
-        else:
-            python = re.sub(r"^python ", f"{shlex.quote(sys.executable)} ", command)
-            subprocess.run(python, shell=True, check=True)
+    follow(tmp_path, *ONWARD)
     assert (tmp_path / "runs" / "5pk" / "report.html").is_file()
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.origin == "synthetic"
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
+    monkeypatch.chdir(tmp_path)
     for block in blocks("python", *ONWARD):
         exec(block, {})
 
@@ -79,43 +87,21 @@ def test_the_session_in_python_runs(project: Path) -> None:
     assert read_artifact("friction.parquet").origin == "synthetic"
 
 
-def test_the_tables_that_others_measured_are_reduced_as_their_page_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("BELTID", str(ROOT))
-    monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    said = ""
-    for command in commands(OTHERS):
-        if command.startswith("beltid "):
-            done = CliRunner().invoke(app, shlex.split(command)[1:])
-            assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
-            said += done.output
-        else:
-            subprocess.run(command, shell=True, check=True)
-    page = OTHERS.read_text()
+def test_the_tables_that_others_measured_are_reduced_as_their_page_says(tmp_path: Path) -> None:
+    said = " ".join(follow(tmp_path, OTHERS).split())
     for number in ("0.2145 to 0.4846", "5.29 %"):
-        assert number in " ".join(said.split())
-        assert number in page
+        assert number in said
+        assert number in OTHERS.read_text()
 
 
 def shown_in_readme() -> list[tuple[str, list[str]]]:
-    """Commands of the README, each with the lines that it is said to print."""
-    shown: list[tuple[str, list[str]]] = []
-    for line in README.read_text().splitlines():
-        if line.startswith("    $ "):
-            shown.append((line.removeprefix("    $ "), []))
-        elif shown and (line.startswith("    ") or not line):
-            shown[-1][1].append(line.removeprefix("    ").rstrip())
-        elif shown:
-            shown.append(("", []))  # text ends the block of a command
-    return [(command, lines) for command, lines in shown if command]
-
-
-def parts(lines: list[str]) -> list[str]:
-    """What stands between the dots of a block, each part in one piece."""
-    text = "\n".join(lines).strip("\n")
-    return [part.strip("\n") for part in re.split(r"^\.\.\.$", text, flags=re.M)]
+    """Commands of the README, each with what it is said to print, the pieces between dots."""
+    shown = re.findall(r"^    \$ (.+)\n((?:    (?!\$ ).*\n|\n)*)", README.read_text(), re.M)
+    pieces = (re.split(r"^\.\.\.$", textwrap.dedent(text), flags=re.M) for _, text in shown)
+    return [
+        (command, [piece.strip("\n") for piece in told])
+        for (command, _), told in zip(shown, pieces, strict=True)
+    ]
 
 
 @pytest.fixture
@@ -125,7 +111,6 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    monkeypatch.delenv("COLUMNS", raising=False)
     return tmp_path
 
 
@@ -133,15 +118,14 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_commands_of_the_readme_print_what_it_shows(project: Path) -> None:
     shown, wrong = shown_in_readme(), []
     assert len(shown) > 3
-    for command, lines in shown:
-        done = CliRunner().invoke(app, shlex.split(command)[1:])
-        assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception!r}"
-        printed = "\n".join(line.rstrip() for line in (done.stdout + done.stderr).splitlines())
-        wrong += [f"$ {command}\n{part}" for part in parts(lines) if part not in printed]
+    for command, pieces in shown:
+        said = done(project, command.removeprefix("beltid "), COLUMNS="80")
+        printed = "\n".join(line.rstrip() for line in (said.stdout + said.stderr).splitlines())
+        wrong += [f"$ {command}\n{piece}" for piece in pieces if piece not in printed]
         if command.startswith("beltid run"):  # the same results: the steps find them up to date
             shutil.copytree(project / "runs" / "5pk", project / "tour")
     assert not wrong, "\n".join(wrong)
-    for block in re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.M | re.S):
+    for block in blocks("python", README):
         exec(block, {})
 
 
@@ -167,9 +151,7 @@ def test_pages_build_without_a_warning(tmp_path: Path) -> None:
     assert b"beltid.simulate_rig" in (tmp_path / "doctrees" / "python.doctree").read_bytes()
 
 
-def test_every_target_and_every_command_is_documented() -> None:
-    from beltid.export.targets import TARGETS
-
+def test_every_target_is_documented() -> None:
     told = (ROOT / "docs" / "export.md").read_text()
     assert all(f"`{name}`" in told or f"export {name}" in told for name in TARGETS)
 
@@ -190,3 +172,32 @@ def test_every_equation_is_where_its_page_says() -> None:
     assert [name for name in names if pydoc.locate(name) is None] == []
     told = {int(number) for number in re.findall(r"\((\d+)\)", page)}
     assert told == set(range(1, 13))
+
+
+def test_a_stage_of_ones_own_is_a_command_and_up_to_date_when_it_is(
+    tmp_path: Path, part_of_rig: Any
+) -> None:
+    (code,) = blocks("python", ROOT / "docs" / "own_stage.md")
+    assert len(code.splitlines()) <= 60
+    (tmp_path / "wear.py").write_text(code)
+    (tmp_path / "rig.csv").write_text(part_of_rig((40, 82), (100, 270, 411), (0.05, 0.21)))
+    beltid.fit_friction(pd.read_csv(tmp_path / "rig.csv")).save(tmp_path / "friction.parquet")
+
+    def call(*arguments: str) -> Any:
+        return subprocess.run(
+            [sys.executable, "wear.py", "wear", *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+        )
+
+    first = call("friction.parquet", "--json")
+    assert first.returncode == 0, first.stderr
+    said = json.loads(first.stdout)
+    assert {row["arc_deg"] for row in said["table"]} == {40.0, 82.0}
+    assert said["facts"]["pulley_radius_m"] == 0.05
+    frame = pd.read_parquet(tmp_path / "wear.parquet")
+    assert frame["runs"].tolist() == [6, 6]
+    assert json.loads(call("friction.parquet", "--json").stdout)["up_to_date"]
+    assert not json.loads(call("friction.parquet", "--json", "--least", "7").stdout)["table"]

@@ -40,7 +40,7 @@ def test_all_targets_from_a_folder_of_results_and_again_from_its_law_file(
     again = call("all", results)
     assert "up to date" in again.stderr
     assert {p: p.stat().st_mtime_ns for p in (results / "export").iterdir()} == before
-    path = results / "export" / "six.beltlaw.json"
+    path = results / "export" / "small.beltlaw.json"
     assert call("all", path, "-o", tmp_path / "b").exit_code == 0
     assert contents(tmp_path / "b") == contents(results / "export")
     other = call("csv", path, "--surface", "refined")
@@ -50,8 +50,8 @@ def test_all_targets_from_a_folder_of_results_and_again_from_its_law_file(
 
 def test_law_file_tells_belt_hashes_range_and_uncertainty(results: Path, tmp_path: Path) -> None:
     assert call("json", results, "-o", tmp_path).exit_code == 0
-    law = beltid.load_law(tmp_path / "six.beltlaw.json")
-    assert (law.belt.name, law.belt.type, law.belt.ribs) == ("six", "6PK", 6)
+    law = beltid.load_law(tmp_path / "small.beltlaw.json")
+    assert (law.belt.name, law.belt.type, law.belt.ribs) == ("small", "6PK", 6)
     assert law.friction.method == "published"
     assert law.surface == beltid.load_surface(results / "surface.parquet")
     assert law.normal_law == beltid.load_stiffness(results / "stiffness.parquet")
@@ -69,7 +69,7 @@ def test_law_file_tells_belt_hashes_range_and_uncertainty(results: Path, tmp_pat
 
 def test_a_file_with_another_content_is_replaced_with_force_only(results: Path) -> None:
     call("exudyn", results, "--normal-force", 5000, "--speed", 0.02)
-    path = results / "export" / "belt_six_exudyn.py"
+    path = results / "export" / "belt_small_exudyn.py"
     written = path.read_bytes()
     assert b"NORMAL_FORCE = 5000.0" in written
     path.write_text("# tuned by hand\n")
@@ -96,7 +96,7 @@ def test_the_law_file_that_is_read_is_never_replaced(law: ContactLaw, tmp_path: 
 def test_the_belt_is_that_of_the_results_and_no_other_is_assumed(results: Path) -> None:
     (results / "beltid.yaml").write_text("belt: {name: other, ribs: 9}\n")
     assert call("adams", results).exit_code == 0
-    assert "belt six (6PK, 6 ribs)" in (results / "export" / "belt_six.adm").read_text()
+    assert "belt small (6PK, 6 ribs)" in (results / "export" / "belt_small.adm").read_text()
     assert call("json", results, "-c", results / "beltid.yaml").exit_code == 0
     assert beltid.load_law(results / "export" / "other.beltlaw.json").belt.ribs == 9
 

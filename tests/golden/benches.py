@@ -6,11 +6,15 @@ drive: a small loss in proportion to the torque.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+from golden.door import configured, done
 
 R = 0.05
 ARCS, TENSIONS, SPEEDS = (40.0, 82.0), (100.0, 200.0, 411.0), (0.05, 0.21, 0.84)
@@ -168,3 +172,20 @@ def speed_loss(loss_per_N_m: float = 0.004, seed: int = 5) -> pd.DataFrame:
         }
         frames.append(pd.DataFrame(frame))
     return pd.concat(frames, ignore_index=True)
+
+
+def small(folder: Path) -> None:
+    """Fill a folder with a small bench: two arcs, three tensions; its results here and in runs/."""
+    Rig().recording()[CELLS].to_csv(folder / "rig.csv", index=False)
+    press().to_csv(folder / "press.csv", index=False)
+    speed_loss().to_csv(folder / "speedloss.csv", index=False)
+    config = {
+        "belt": {"name": "small", "type": "6PK", "ribs": 6},
+        "simulation": {"method": "steady", "elements": 20},
+        "data": {kind: f"{kind}.csv" for kind in ("press", "rig", "speedloss")},
+    }
+    config["data"]["origin"] = "synthetic"
+    configured(folder, config)
+    done(folder, "run beltid.yaml --no-report --jobs 1")
+    for name in ("stiffness", "slip", "friction", "surface", "surface_refined", "simulated"):
+        shutil.copy(folder / "runs" / "small" / f"{name}.parquet", folder)

@@ -17,6 +17,7 @@ NASTY: tuple[str, ...] = (
     " " * 3000 + "x", "a / " * 500, "((((" * 200,
 )  # fmt: skip
 EXTREMES = (0, 1, -1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1)
+SIGNS = (b",", b";", b"\t", b"\r", b"\r\n", b" ", b"", b"\0", b"\xff", b"\xc2\xa0")
 _WORD = re.compile(rb"[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?|\w+")
 
 Mutator = Callable[[bytes, random.Random, Sequence[bytes]], bytes]
@@ -70,12 +71,7 @@ def text_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ())
             lines[i : i + 1] = [lines[i]] * dice.choice((0, 0, 2, 50))
             data = b"\n".join(lines)
         elif kind == 6:
-            old, new = (
-                dice.choice((b",", b";", b"\t", b"\n", b":", b"-", b".")),
-                dice.choice(
-                    (b",", b";", b"\t", b"\r", b"\r\n", b" ", b"", b"\0", b"\xff", b"\xc2\xa0")
-                ),
-            )
+            old, new = dice.choice(b", ; \t \n : - .".split(b" ")), dice.choice(SIGNS)
             data = data.replace(old, new, dice.choice((1, -1)))
         elif kind == 7:
             at = dice.randrange(len(data) + 1)
@@ -111,25 +107,13 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
     kind = dice.randrange(6)
     if kind == 0:
         n = table.num_rows
-        new = dice.choice(
-            (
-                pa.array([None] * n),
-                pa.array(["x"] * n),
-                pa.array([b"\xff"] * n),
-                pa.array([float("inf")] * n),
-                pa.array([float("nan")] * n),
-                pa.array([[1.0]] * n),
-                pa.array([{"a": 1}] * n),
-                pa.array([2**63] * n, pa.uint64()),
-                pa.array([0] * n, pa.timestamp("ns")),
-                pa.array([0] * n, pa.date32()),
-                pa.array([0] * n, pa.duration("s")),
-                pa.array(["x"] * n).dictionary_encode(),
-                pa.array([True] * n),
-                pa.nulls(n, pa.decimal128(38, 2)),
-            )
-        )
-        table = table.set_column(index, name, new)
+        cell, form = dice.choice((
+            (None, None), ("x", None), (b"\xff", None), (float("inf"), None), (float("nan"), None),
+            ([1.0], None), ({"a": 1}, None), (2**63, pa.uint64()), (0, pa.timestamp("ns")),
+            (0, pa.date32()), (0, pa.duration("s")), ("x", pa.dictionary(pa.int32(), pa.string())),
+            (True, None), (None, pa.decimal128(38, 2)),
+        ))  # fmt: skip
+        table = table.set_column(index, name, pa.array([cell] * n, form))
     elif kind == 1:
         table = table.remove_column(index)
     elif kind == 2:

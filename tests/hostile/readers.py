@@ -10,10 +10,10 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+from beltid import load_law
 from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
-from beltid.export.law import law_from_text
 from beltid.report.page import provenance, set_aside, tabulated
 from beltid.report.results import BeltResults, Sheet, main_results, verdict_of
 from beltid.report.view import shown_of
@@ -52,14 +52,6 @@ def _artifact(path: Path) -> object:
     return shown_of(artifact, []).as_json()
 
 
-def _law(path: Path) -> object:
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except UnicodeDecodeError:
-        return None
-    return law_from_text(text, path.name)
-
-
 @atexit.register
 def clean() -> None:
     """Remove the folder of the files that were tried."""
@@ -78,7 +70,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "zip": ("x.zip", _recording("rig")),
     "artifact": ("x.parquet", _artifact),
     "parquet": ("x.parquet", _recording("rig")),
-    "law": ("x.beltlaw.json", _law),
+    "law": ("x.beltlaw.json", load_law),
     "tdms": ("x.tdms", _recording("rig")),
     "mdf": ("x.mf4", _recording("rig")),
     "mat": ("x.mat", _recording("rig")),

@@ -6,25 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden.test_chain import true_mu
+from golden.test_mechanics import LAW_5PK as LAW
+from golden.test_mechanics import section_of, two_pulleys
 
 import beltid
 from beltid.config import load_config
 from beltid.errors import InputError
 
-LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
-TWO = [
-    {"name": "driver", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.05},
-    {"name": "driven", "x_m": 0.25, "y_m": 0.0, "radius_m": 0.05},
-]
+TWO = two_pulleys(0.05, 0.25)
 
 
 def true_surface() -> beltid.FrictionSurface:
     """True friction of the synthetic 5PK belt at the forces and speeds of its friction rig."""
-    mu0, a, c, v0 = 0.95, 0.18, 0.45, 0.0015  # rigdata/README.md
     f, v = np.geomspace(900.0, 9000.0, 40), np.geomspace(0.0025, 0.042, 20)
-    speed = np.log1p(v / v0) / np.log1p(0.01 / v0)
-    mu = mu0 * (f[:, None] / 5400.0) ** -a * (1.0 + c * (speed - 1.0))
-    return beltid.FrictionSurface(f, v, mu)
+    return beltid.FrictionSurface(f, v, true_mu("5pk", f[:, None], v))
 
 
 def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, Any]:
@@ -32,12 +28,8 @@ def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, An
 
 
 def config(**drive: Any) -> dict[str, Any]:
-    stated = {
-        "method": "string",
-        "initial_tension_N": [310],
-        "pulleys": TWO,
-    }
-    return {"drive": stated | points({"driven": [8, 16]}) | drive}
+    stated = section_of(initial_tension_N=[310], **points({"driven": [8, 16]}))
+    return {"drive": stated | drive}
 
 
 def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:

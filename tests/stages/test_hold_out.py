@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from truth.bench import R, friction
 
 from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
@@ -17,7 +15,6 @@ from beltid.stages.compare import Predicted, predict
 from beltid.stages.inputs import press_law, with_tensions
 from beltid.stages.steps import cross_validate
 
-TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = NormalLaw(6.5e7, 3.0256e11)
 SPEEDS = (0.05, 0.1, 0.21, 0.42, 0.84)
 TENSIONS = np.array([50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0])
@@ -25,33 +22,15 @@ TENSIONS = np.array([50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0])
 Columns = dict[str, np.ndarray]
 
 
-def bench(
-    every: int = 2, arcs: tuple[float, ...] = (40, 68, 82), speeds: tuple[float, ...] = SPEEDS
-) -> Columns:
+def bench(arcs: tuple[float, ...] = (40, 68, 82), speeds: tuple[float, ...] = SPEEDS) -> Columns:
     """Reduced runs as the synthetic bench has them without noise, every other tension.
 
     They come from a discrete elastic rod, not from the simulated rig of the package.
     """
-    with TRUTH.open() as file:
-        rows = [row for row in csv.DictReader(file) if float(row["arc_deg"]) in arcs]
-    column = {
-        name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"
-    }
-    nominal = TENSIONS[np.argmin(np.abs(column["T0"][:, None] - TENSIONS), axis=1)]
-    nearest = np.argmin(np.abs(column["omega"][:, None] - SPEEDS), axis=1)
-    kept = np.isin(nominal, TENSIONS[::every]) & np.isin(np.array(SPEEDS)[nearest], speeds)
-    columns = {
-        "run": np.array([row["run"] for row in rows], dtype=object),
-        "arc_deg": column["arc_deg"],
-        "initial_tension_N": column["T0"],
-        "nominal_tension_N": nominal,
-        "pulley_speed_rad_s": column["omega"],
-        "slip_speed_m_s": column["v"],
-        "normal_force_N_m": column["f_ref"],
-        "mu_sliding": column["mu_app"],
-        "mu_sliding_se": 1e-3 * column["mu_app"],
-        "status": np.full(len(rows), "ok", dtype=object),
-    }
+    columns = friction(1e-3, speeds=R * np.array(speeds))
+    apart = np.abs(columns["initial_tension_N"][:, None] - TENSIONS)
+    columns["nominal_tension_N"] = TENSIONS[np.argmin(apart, axis=1)]
+    kept = np.isin(columns["nominal_tension_N"], TENSIONS[::2]) & np.isin(columns["arc_deg"], arcs)
     return {name: values[kept] for name, values in columns.items()}
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from golden.test_chain import true_mu as friction_of
 
 import beltid
 from beltid.config import Config, load_config
@@ -151,9 +152,7 @@ def test_the_level_of_every_run_is_that_on_which_it_settles(belt: Any) -> None:
     keys = ("axial_stiffness_N", "bending_stiffness_N_m2", "mass_per_length_kg_m")
     config = {"belt": dict(zip(keys, section, strict=True))}
     f, v = np.geomspace(100.0, 3e4, 25), np.geomspace(2e-3, 0.05, 15)
-    rate = np.log1p(v / 0.002) / np.log1p(0.01 / 0.002)
-    mu = 1.05 * (f[:, None] / 5400.0) ** -0.2 * (1.0 + 0.5 * (rate - 1.0))
-    surface, parts, settled = FrictionSurface(f, v, mu), [], []
+    surface, parts, settled = FrictionSurface(f, v, friction_of("4pk", f[:, None], v)), [], []
     for k, (arc, tension, speed) in enumerate(product((40, 82), (40, 340), (0.05, 0.84))):
         run = {"arc_deg": arc, "initial_tension_N": tension, "pulley_speed_rad_s": speed}
         one = beltid.simulate_rig(config, surface, NormalLaw(*law), method="transient", **run)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from golden.benches import R, Rig
 
 from beltid import NormalLaw, build_surface, fit_friction, refine_surface
 from beltid.errors import InputError
 
-R, BELT_SPEED = 0.05, 8.0
+BELT_SPEED = 8.0
 DIRECT = ["mu", "normal_force_N_m"]
 TENSIONS = ["tension_tight_N", "tension_slack_N"]
 Parts = tuple[pd.DataFrame, dict[str, Any]]
@@ -23,28 +23,11 @@ def mu_of(force: float, speed: float) -> float:
     return float(0.6 * (force / 2000.0) ** -0.1 * (1.0 + 0.1 * np.log(speed / 0.02)))
 
 
-@cache
-def solved_plateaus() -> list[dict[str, float]]:
-    """Plateaus of two arcs, four tensions and three speeds, by Eq. (5) of the law above."""
-    rows = []
-    for arc in (60.0, 120.0):
-        for tension in (60.0, 110.0, 200.0, 300.0):
-            for omega in (0.2, 0.4, 0.8):
-                beta, mu = np.radians(arc), 0.5
-                for _ in range(50):  # the force depends on mu
-                    force = tension * (np.exp(mu * beta) - 1.0) / (R * mu * beta)
-                    mu = mu_of(force, omega * R)
-                tight = tension * np.exp(mu * beta)
-                values = (arc, tension, tight, omega, mu, force)
-                rows.append(dict(zip(COLUMNS, values, strict=True)))
-    return rows
-
-
-COLUMNS = ["arc_deg", *TENSIONS[::-1], "pulley_speed_rad_s", *DIRECT]
-
-
 def plateaus() -> pd.DataFrame:
-    return pd.DataFrame(solved_plateaus())
+    """Plateaus of two arcs, four tensions and three speeds, by Eq. (5) of the law above."""
+    tensions, speeds = (60.0, 110.0, 200.0, 300.0), (0.2, 0.4, 0.8)
+    rig = Rig("weight_slack", (60.0, 120.0), tensions, speeds, mu=mu_of)
+    return rig.runs().drop(columns=["run", "initial_tension_N"])
 
 
 def by_kind(kind: str) -> Parts:
