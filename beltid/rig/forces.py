@@ -275,23 +275,26 @@ def revise_status(point: Any, trial: float, limit: float, slip: float, back: flo
 def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: float) -> int:
     """Add forces, tangent, columns; return how many points were revised: none if ``back`` < 0."""
     R, rate, q, stretch, changes = pulley.R, motion.rate, s.q, s.u[0], 0
-    r, r_s, r_omega = s.r, s.columns[0], s.columns[1]
+    r, r_s, r_omega, N, N_s = s.r, s.columns[0], s.columns[1], mesh.N, mesh.N_s
     flows, moves = motion.v0 > 0.0, rate > 0.0
     fall, G = R * motion.v0 / stretch, np.zeros((2, 8))
     for el in range(mesh.h.size):
         for c in range(mesh.w_c.shape[1]):
-            N, N_s, point, before = mesh.N[el, c], mesh.N_s[el, c], s.now[el, c], s.last[el, c]
+            point, before = s.now[el, c], s.last[el, c]
             x = y = dx = dy = 0.0
             for j in range(4):
-                x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
-                dx, dy = dx + N_s[j] * q[4 * el + 2 * j], dy + N_s[j] * q[4 * el + 2 * j + 1]
+                q_x, q_y = q[4 * el + 2 * j], q[4 * el + 2 * j + 1]
+                x, y = x + N[el, c, j] * q_x, y + N[el, c, j] * q_y
+                dx, dy = dx + N_s[el, c, j] * q_x, dy + N_s[el, c, j] * q_y
             rho = math.sqrt(x * x + y * y)
-            point.rho, point.theta = rho, math.atan2(x, y)
+            point.rho = rho
             n = (x / rho, y / rho)
             t = (n[1], -n[0])
             turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
             w = mesh.w_c[el, c] * stretch
             f, slope, grows, growth = press(pulley, rho - R, mesh.w_c[el, c])
+            if f > 0.0 or moves:  # the next step starts from the angle of every point
+                point.theta = math.atan2(x, y)
             slip, v, v_slip = 0.0, sliding_speed(motion.omega, R), 0.0
             if flows:
                 slip, v, v_slip = R * s.u[1] - fall * turn, point.slip, 1.0
@@ -352,15 +355,15 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: floa
                     K += by_delta * t[i] * n[m] + by_slip * t[i] * by[m]
                     K_s = by_slip * fall / rho * t[i] * t[m]
                     for j in range(4):
-                        G[i, 2 * j + m] = N[j] * K + N_s[j] * K_s
+                        G[i, 2 * j + m] = N[el, c, j] * K + N_s[el, c, j] * K_s
             for j in range(4):
                 for i in range(2):
                     row, force = 4 * el + 2 * j + i, F_N * n[i] + F_T * t[i]
-                    r[row] -= N[j] * force
-                    r_s[row] -= N[j] * (force + by_slip * fall * turn * t[i]) / stretch
+                    r[row] -= N[el, c, j] * force
+                    r_s[row] -= N[el, c, j] * (force + by_slip * fall * turn * t[i]) / stretch
                     if flows:
-                        r_omega[row] -= N[j] * by_slip * R * t[i]
+                        r_omega[row] -= N[el, c, j] * by_slip * R * t[i]
                     at = HALF - 2 * j - i
                     for m in range(8):
-                        s.A[row, at + m] += N[j] * G[i, m]
+                        s.A[row, at + m] += N[el, c, j] * G[i, m]
     return changes
