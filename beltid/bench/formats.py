@@ -291,6 +291,9 @@ def _segment(
     kind = _cell(header, "X_Columns").lower() or "one"
     is_multi, last = kind == "multi", len(names) - 1
     pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
+    between = (cells[1::2] for key, cells in header.items() if _TECHNICAL.fullmatch(key))
+    if is_multi and not any(map(any, between)):  # a blank above the times of each channel
+        header = {key: cells[::2] for key, cells in header.items()}
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
