@@ -77,7 +77,8 @@ def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
             # a blank name is taken from the row above (merged cells); a title is one cell
             upper = rows[row - 1] if row and sum(map(bool, rows[row - 1])) > 1 else ()
             pairs = itertools.zip_longest(rows[row], upper, fillvalue="")
-            return replace(head_at(rows, row), names=tuple(name or over for name, over in pairs))
+            names = [name or over for name, over in pairs][: max(len(rows[row]), *map(len, block))]
+            return replace(head_at(rows, row), names=tuple(names))
     return None
 
 
@@ -133,7 +134,7 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
 # --- texts ---------------------------------------------------------------------------------------
 
 
-def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
+def read_text(path: Path, place: str, dialect: DialectSection, problems: Problems) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
     written = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
@@ -158,7 +159,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
-    signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
+    signs = _signs(columns, dialect, f"{place}:{head.row + 1}", notes)
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     body = body if body.endswith(b"\n") else body + b"\n"
     pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
@@ -190,7 +191,6 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         signs=signs,
         encoding=encoding,
         notes=tuple(notes),
-        problems=problems,
     )
 
 

@@ -71,7 +71,6 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     )
     notes += mapping.notes_of(found, needs.table, channels)
     for raw in raws:
-        problems.take(raw.problems)
         for name in [*raw.frame]:
             del raw.frame[name]  # its memory is free
     part = Part(first, columns, found, names, notes, rows)
@@ -212,7 +211,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     file = Column("file", "string", "", "name of the file, or of the group")
     columns = (file, *(replace(column, required=False) for column in told))
     needs, path = Needs(replace(of.table, columns=columns)), of.run_table
-    part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
+    part = read_part([*cells.read_text(path, str(path), needs.dialect, needs.problems)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}

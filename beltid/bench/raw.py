@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import NumberSigns, word_of
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit, is_known_unit
@@ -33,6 +33,7 @@ IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 """Brackets at the end of a name, which may hold its unit."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+_BEFORE_NAME: Final = re.compile(r"^\[([^\[\]]*[^\W\d_][^\[\]]*)\](?=\s*\S)")  # "[1]" is a number
 # Prefix that a recorder puts before the name of a channel
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
@@ -64,7 +65,6 @@ class Raw:
     signs: NumberSigns = field(default_factory=NumberSigns)  # of numbers among the texts
     encoding: str = ""
     notes: tuple[str, ...] = ()  # what was detected or left out
-    problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
@@ -185,12 +185,13 @@ def is_unit(text: str) -> bool:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split a name from the unit at its end: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``."""
-    match = (IN_NAME.search(name) or _AFTER_NAME.search(name)) if len(name) <= 300 else None
+    """Split a name from its unit: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``, ``[N] Force``."""
+    ways = (IN_NAME, _AFTER_NAME, _BEFORE_NAME) if len(name) <= 300 else ()
+    match = next(filter(None, (way.search(name) for way in ways)), None)
     unit = match[1].strip() if match else ""
     if match is None or not unit or not is_unit(unit):
         return name.strip(), ""
-    return name[: match.start()].strip(), unit
+    return (name[: match.start()] + name[match.end() :]).strip(), unit
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
@@ -201,6 +202,7 @@ def distinct_names(names: Sequence[str]) -> list[str]:
         positions[name] += 1
         if name and counts[name] > 1:
             bare = split_unit(name)[0]
+            bare = bare if name.startswith(bare) else name
             name = f"{bare} #{positions[name]}{name[len(bare) :]}"
         distinct.append(name)
     return distinct

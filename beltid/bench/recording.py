@@ -131,7 +131,7 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(cells.read_text(file, source.name, dialect))
+                return list(cells.read_text(file, source.name, dialect, problems))
             if form == "lvm":
                 return list(formats.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
@@ -283,7 +283,8 @@ def inspect_recording(
     names = tuple(source.inside.name for source in sources)
     first = next(iter(benches.values()))
     tables = tables_in(sources[0], first)
-    first.problems.raise_if_any()
+    if not tables:
+        first.problems.raise_if_any()
     channels = [channel for table in tables for channel in channels_of([table])]
     if not kind:
         are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
@@ -295,7 +296,8 @@ def inspect_recording(
             f"{path}: the channels do not tell which bench this is (found: {held}); state it "
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
-        return replace(seen, problems=(problem,))
+        unread = (text for _, text in first.problems.found)
+        return replace(seen, problems=(problem, *unread))
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
     seen = replace(seen, pattern=_pattern(names, needs, {*has}, len(tables)))
     if seen.pattern and guess:
@@ -339,13 +341,14 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 
 
 def ranges(channel: Channel) -> dict[str, float]:
-    """Return rate, smallest, largest and first number of a channel; nan for texts."""
+    """Return count, rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
     if is_text(values):
         values = values[:0] if channel.written else values  # times are no numbers
         values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {
+        "samples": len(finite) or int(channel.values.count()),
         "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,
         "min": float(finite.min()),
         "max": float(finite.max()),

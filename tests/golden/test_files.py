@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,6 +93,7 @@ MACHINE = w.named("press")
 DRIVE = w.named("speedloss", language=1)
 IN_MM = w.named("speedloss", {"torque_N_m": "N mm"})
 IN_MN = w.named("press", {"force_N": "mN"})
+IN_FRONT = IN_MN.rename(columns=lambda name: re.sub(r"^(.+) (\[.+\])$", r"\2 \1", name))
 LINES = w.table(RIG).splitlines()
 REMARKS = "\n".join(["# bench 3", *LINES[:90], "# cycle 2", *LINES[90:], ""])
 ANOTHER = "time_s,displacement_mm,force_N\n0,1,2\n1,2,3\n"
@@ -161,6 +163,8 @@ FORMATS: dict[str, Case] = {
     "remarks": text("rig", REMARKS),
     "lines to skip": text("press", ANOTHER + w.table(PRESS), config=SKIPPED),
     "dialect": text("press", w.table(MACHINE, ";", ","), config=SIGNS),
+    "titles of more cells": text("press", "a,b,c,d,e,f,g\n" * 2 + w.table(MACHINE)),
+    "units in front": text("press", w.table(IN_FRONT)),
     "missing numbers": text("press", w.table(GAPS), true=GAPPED),
     "side by side": text("press", w.table(BESIDE, ";"), true=pd.concat([SPECIMEN, SECOND])),
     "names stated, sign turned": text("press", w.table(TURNED), config=K1),
