@@ -60,8 +60,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
-    if is_mapped:
-        mapping.refuse_missing(channels, found, needs, raw.head, stated)
+    has = {*stated, *(() if is_mapped else meant(channels, needs))}
+    mapping.refuse_missing(channels, found, needs, raw.head, has)
     if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
     columns, rows = (

@@ -140,32 +140,24 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
         raise InputError(f"{place}: damaged: the last segment is cut off")
     channels = [c for group in file.groups() for c in group.channels()]
     starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
-    origin = np.datetime64(min(starts)) if starts else None
+    origin = np.datetime64(min(starts, default="NaT"))
     for group in file.groups():
         said = {**file.properties, **group.properties}.items()
         fields = (Field(str(k), str(v)) for k, v in said if not k.startswith(("wf_", "NI_")))
         found = list[Written]()
         for channel in group.channels():
-            values, about = channel[:], channel.properties
-            times = _waveform(about, len(values), origin, place)
+            values, about, times = channel[:], channel.properties, None
+            step = float(about.get("wf_increment") or 0.0)  # LabVIEW writes 0 if it is unknown
+            if 0 < step < np.inf and len(values):
+                unit = str(about.get("wf_xunit_string", ""))
+                offset = float(about.get("wf_start_offset", 0.0))
+                step, offset = (in_seconds(t, unit, place) for t in (step, offset))
+                if "wf_start_time" in about:
+                    late = np.datetime64(about["wf_start_time"]) - origin
+                    offset += float(late / np.timedelta64(1, "us")) * 1e-6
+                times = even_times(offset, step, len(values))
             found.append(written(channel.name, values, about, times))
         yield from tables_of(place, group.name, "NI TDMS", found, fields)
-
-
-def _waveform(
-    properties: Mapping[str, Any], n: int, origin: np.datetime64 | None, place: str
-) -> np.ndarray | None:
-    """Return the times of a channel [s]; LabVIEW writes a step of 0 if it is unknown."""
-    step = float(properties.get("wf_increment") or 0.0)
-    if not 0 < step < np.inf or not n:
-        return None
-    unit = str(properties.get("wf_xunit_string", ""))
-    offset = float(properties.get("wf_start_offset", 0.0))
-    step, offset = (in_seconds(t, unit, place) for t in (step, offset))
-    if "wf_start_time" in properties and origin is not None:
-        late = np.datetime64(properties["wf_start_time"]) - origin
-        offset += float(late / np.timedelta64(1, "us")) * 1e-6
-    return even_times(offset, step, n)
 
 
 def read_mdf(path: Path, place: str) -> Iterator[Raw]:
@@ -246,7 +238,10 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
-        rasters, start = _segment(lines, (at, end), own, place, problems), _start(own)
+        clock = f"{_cell(own, 'Date')} {_cell(own, 'Time').replace(',', '.')}"
+        told = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", clock), errors="coerce")
+        start = float("nan") if pd.isna(told) else float(told.timestamp())  # [s from 1970-01-01]
+        rasters = _segment(lines, (at, end), own, place, problems)
         whole = _continued(*parts[-1], rasters[0], start) if parts and len(rasters) == 1 else None
         if whole is None:
             parts += [(raster, start) for raster in rasters]
@@ -329,13 +324,6 @@ def _time(
         start, step = pd.to_numeric(pd.Series([*cells]), errors="coerce").fillna(0.0)
         listed = even_times(start, step, n) if step > 0 else None
     return None if listed is None else in_seconds(listed, _cell(header, "X_Unit_Label", k), place)
-
-
-def _start(header: Header) -> float:
-    """Return the absolute start of a segment [s from 1970-01-01], nan if it is not told."""
-    text = f"{_cell(header, 'Date')} {_cell(header, 'Time').replace(',', '.')}"
-    start = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", text), errors="coerce")
-    return float("nan") if pd.isna(start) else float(start.timestamp())
 
 
 def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw, float] | None:

@@ -50,11 +50,6 @@ _CLOCK: Final = re.compile(
     r"(?:\s*(?P<zone>Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?$",
     re.ASCII,
 )
-NOT_READ: Final = (
-    "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the first time "
-    "with or without a date or a zone"
-)
-DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
 def is_number(cell: str) -> bool:
@@ -213,11 +208,15 @@ class Clock:
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
         missing, day_ns = text.isna().to_numpy(), int(DAY_S * 1e9)
+        either = "may be day/month or month/day: write dates as 2026-11-20"
+        other = (
+            "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the "
+            "first time with or without a date or a zone"
+        )
         self.problems.add_alike(
             np.flatnonzero((wrong & ~missing) | unclear),
             lambda i: (
-                f'{self.name} = "{str(text.iloc[i])[:40]}", '
-                f"{DAY_OR_MONTH if unclear[i] else NOT_READ}"
+                f'{self.name} = "{str(text.iloc[i])[:40]}", {either if unclear[i] else other}'
             ),
             place,
         )

@@ -199,16 +199,18 @@ def _simulated(path: Path, kind: str) -> Recording | None:
 
 def as_frame(columns: dict[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
     """Move columns in our names and units to a DataFrame, marked as such, its notes in attrs."""
-    frame = pd.DataFrame({name: _series(columns.pop(name)) for name in [*columns]}, copy=False)
+    written = dict[
+        str, Any
+    ]()  # to which one can write: numbers, and labels as pandas makes of them
+    for name in [*columns]:
+        values = columns.pop(name)
+        codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
+        texts = pd.array(words, dtype="str")
+        numbers = np.require(values, requirements="W")
+        written[name] = texts.take(codes, allow_fill=True) if len(words) else numbers
+    frame = pd.DataFrame(written, copy=False)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame
-
-
-def _series(values: np.ndarray) -> Any:
-    """Return a column that can be written to: labels as pandas makes of them, or numbers."""
-    codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
-    is_text, numbers = len(words) > 0, np.require(values, requirements="W")
-    return pd.array(words, dtype="str").take(codes, allow_fill=True) if is_text else numbers
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
