@@ -29,8 +29,7 @@ SCALING: Final = {  # properties that scale counts of a converter -> the value w
     "scale_factor": 1.0,
 }
 TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
-UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
-"""Properties that hold the unit of a channel."""
+UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")  # keys
 Variables = Mapping[str, "Written | Variables"]
 # The header line that names the separator, which is written with the separator itself
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -196,30 +195,26 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         is_time = record.get("abscissa_spec_data_type") == 17
-        if is_time and not np.iscomplexobj(record["data"]):
-            said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
-            said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
-            found.append(_record(record, said, place))
-        else:
+        if not is_time or np.iscomplexobj(record["data"]):
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
+            continue
+        said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
+        said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
+        n, stated = len(record["data"]), int(record["num_pts"])
+        if n != stated:
+            raise InputError(
+                f"{place}: damaged: {n} samples found, the header states {stated}; if they are "
+                "binary and spaced unevenly, export them as text"
+            )
+        even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+        times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
+        name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
+        seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
+        unit = said.get("ordinate_axis_units_lab", "")
+        found.append(Written(name, record["data"], unit, seconds))
     if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
     yield from tables_of(place, "", "universal file (UFF 58)", found, notes=left_out)
-
-
-def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
-    """Return the time record of a dataset 58, and what its texts say."""
-    n, stated = len(record["data"]), int(record["num_pts"])
-    if n != stated:
-        raise InputError(
-            f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
-            "and spaced unevenly, export them as text"
-        )
-    even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
-    times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
-    name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
-    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
-    return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
 
 
 # --- LabVIEW measurements ------------------------------------------------------------------------

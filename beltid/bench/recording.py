@@ -30,7 +30,7 @@ from beltid.tables.values import absent
 
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
-READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
+READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {  # texts take the dialect, too
     "tdms": formats.read_tdms,
     "mdf": formats.read_mdf,
     "uff": formats.read_uff,
@@ -39,7 +39,6 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
     "excel": cells.read_excel,
     "parquet": read_parquet,
 }
-"""Format -> reader of the tables of a file; texts also take the dialect of the config."""
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 _UNIT_WORDS: Final = {  # setting -> how its unit is written behind a number in the name of a file
