@@ -412,9 +412,11 @@ REFUSED: dict[str, Refused] = {
     "no settings": rig("arc_deg initial_tension_N values pattern table", FIRST[w.CELLS]),
     "two travels": headed("P.csv:1 Standardweg Traversenweg displacement_mm columns:", WAY),
     "two forces": press("rec.csv:1 Kraft force_N tension_tight_N columns:", FORCES),
+    "missing beside two labels": headed("P.csv:1 test force_N missing", "Probe;Versuch;E [MPa]"),
     # units
     "no unit": headed("P.csv:1 Kraft force_N units:", H),
     "an unknown unit": headed("P.csv:1 kip kN lbf", H + " [kip]"),
+    "a unit near to ours": renamed("rad.s rad/s}} factor", pulley_speed_rad_s=f"{OMEGA} [rad.s]"),
     "two units": headed("P.csv:2 force_N kN units:", H + " [N]\ns;mm;kN"),
     "volts": headed("P.csv:1 force_N V N/V factor offset", H + " [V]"),
     "volts of newtons": headed("P.csv:1 force_N V", H + " [N]", units={"force_N": "250 N/V"}),
