@@ -250,7 +250,6 @@ def _aligned(
     found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
-    place = first.place
     seconds = {of: written.copy() for of, (_, written) in times.items()}
     for of, own in seconds.items():
         if times[of][0].is_clock:
@@ -273,14 +272,14 @@ def _aligned(
             columns[role] = np.interp(time, own, values, left=np.nan, right=np.nan)[kept]
             if not np.all(np.diff(own) > 0):
                 needs.problems.add(
-                    f"{place}: the time of {match.channel.raw.name} (time_s) does not increase "
-                    "from sample to sample, so its channels cannot be aligned with those of other "
-                    "rates"
+                    f"{first.place}: the time of {match.channel.raw.name} (time_s) does not "
+                    "increase from sample to sample, so its channels cannot be aligned with those "
+                    "of other rates"
                 )
     if kept.sum() < MIN_OVERLAP:
         needs.problems.add(
-            f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "
-            f"s; must be at least {MIN_OVERLAP}"
+            f"{first.place}: the channels share {kept.sum()} samples of time, from {begin:g} to "
+            f"{end:g} s; must be at least {MIN_OVERLAP}"
         )
     notes += [f"{', '.join(moved)} interpolated linearly to the other times"] if moved else []
     notes += [f"{', '.join(left_out)} left out: no numbers"] if left_out else []

@@ -182,10 +182,9 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split a name from its unit: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``, ``[N] Force``."""
     ways = (IN_NAME, _AFTER_NAME, _BEFORE_NAME) if len(name) <= 300 else ()
     match = next(filter(None, (way.search(name) for way in ways)), None)
-    unit = match[1].strip() if match else ""
-    if match is None or not unit or not is_unit(unit):
+    if match is None or not is_unit(match[1].strip()):
         return name.strip(), ""
-    return (name[: match.start()] + name[match.end() :]).strip(), unit
+    return (name[: match.start()] + name[match.end() :]).strip(), match[1].strip()
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
