@@ -135,11 +135,6 @@ class Problems:
             where, line = place(int(row))
             self.add(f"{where}: {text(int(row))}{more}", line)
 
-    def take(self, others: Problems) -> None:
-        """Add the problems of a part of the file."""
-        self.count += others.count
-        self.found += others.found[: 20 * SHOWN - len(self.found)]
-
     def merge_repeated(self, places: Sequence[str]) -> None:
         """Merge problems that are the same in several files, whose names they begin with."""
         alike: dict[tuple[str, str], list[tuple[int, str]]] = {}

@@ -36,19 +36,15 @@ Piece = tuple[int, int, int]  # begin and end of some lines of a text, and their
 SEARCHED: Final = 400  # rows searched for a header below title lines
 MAX_COLUMNS: Final = 2000
 SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
-SEPARATORS: Final = (",", ";", "\t", "|", " ")
-"""Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
+SEPARATORS: Final = (",", ";", "\t", "|", " ")  # the likelier first, blanks only if no other does
 OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
-"""Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18  # bytes in which the header is searched
 BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 _WHOLE: Final = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
-# Blanks that do not separate cells
-_SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
-# Names by which an export of testXpert is known
-_ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
+_SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)  # between no cells
+_ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")  # in exports of testXpert
 # A formula without a value in the XML of a sheet
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
 
@@ -77,7 +73,8 @@ def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
             # a blank name is taken from the row above (merged cells); a title is one cell
             upper = rows[row - 1] if row and sum(map(bool, rows[row - 1])) > 1 else ()
             pairs = itertools.zip_longest(rows[row], upper, fillvalue="")
-            return replace(head_at(rows, row), names=tuple(name or over for name, over in pairs))
+            names = [name or over for name, over in pairs][: max(len(rows[row]), *map(len, block))]
+            return replace(head_at(rows, row), names=tuple(names))
     return None
 
 
@@ -133,7 +130,7 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
 # --- texts ---------------------------------------------------------------------------------------
 
 
-def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
+def read_text(path: Path, place: str, dialect: DialectSection, problems: Problems) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected."""
     written = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
@@ -158,7 +155,7 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
-    signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
+    signs = _signs(columns, dialect, f"{place}:{head.row + 1}", notes)
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     body = body if body.endswith(b"\n") else body + b"\n"
     pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
@@ -190,7 +187,6 @@ def read_text(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         signs=signs,
         encoding=encoding,
         notes=tuple(notes),
-        problems=problems,
     )
 
 
@@ -224,6 +220,7 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         head = head_at([*cells[:first], list(names), *cells[first:]], first)
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
+    # two of our names in the first line make it the header
     ours = {sign: len(OURS & {*cells}) for sign, cells in starts.items()}
     own = max(starts, key=lambda sign: (ours[sign], sign != " ", len(starts[sign])))
     if ours[own] > 1:
@@ -245,10 +242,7 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
 
 def split(line: str, sign: str) -> list[str]:
     """Split a line into cells."""
-    try:
-        return line.split() if sign == " " else next(csv.reader([line], delimiter=sign), [])
-    except csv.Error:  # a cell that is too long
-        return [line]
+    return line.split() if sign == " " else next(csv.reader([line], delimiter=sign), [])
 
 
 def cells_of(line: str, sign: str) -> list[str]:
@@ -313,11 +307,8 @@ def _by_arrow(
     numeric: Collection[str],  # the others are texts
     signs: tuple[str, str, str | bool],  # between cells, of decimals, around cells
 ) -> tuple[pd.DataFrame, np.ndarray, list[tuple[int, int]]] | None:
-    """Read the columns with Arrow, the lines of the rows and those of another width, from 0.
-
-    None if a cell is not as expected. Threads read the pieces of the text, so that memory holds
-    the numbers once; texts that repeat are held once, too.
-    """
+    """Read columns, lines of the rows and rows of another width; None if a cell is unexpected."""
+    # memory holds the numbers of all pieces once, and texts that repeat
     words = pa.dictionary(pa.int32(), pa.large_string())
     types = {name: pa.float64() if name in numeric else words for name in names if name}
     read = pa_csv.ReadOptions(column_names=names, block_size=1 << 30, use_threads=False)

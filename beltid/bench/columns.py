@@ -60,8 +60,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
-    if is_mapped:
-        mapping.refuse_missing(channels, found, needs, raw.head, stated)
+    has = {*stated, *(() if is_mapped else meant(channels, needs))}
+    mapping.refuse_missing(channels, found, needs, raw.head, has)
     if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
     columns, rows = (
@@ -71,7 +71,6 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     )
     notes += mapping.notes_of(found, needs.table, channels)
     for raw in raws:
-        problems.take(raw.problems)
         for name in [*raw.frame]:
             del raw.frame[name]  # its memory is free
     part = Part(first, columns, found, names, notes, rows)
@@ -212,7 +211,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     file = Column("file", "string", "", "name of the file, or of the group")
     columns = (file, *(replace(column, required=False) for column in told))
     needs, path = Needs(replace(of.table, columns=columns)), of.run_table
-    part = read_part([*cells.read_text(path, str(path), needs.dialect)], needs)
+    part = read_part([*cells.read_text(path, str(path), needs.dialect, needs.problems)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}
@@ -251,7 +250,6 @@ def _aligned(
     found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
-    place = first.place
     seconds = {of: written.copy() for of, (_, written) in times.items()}
     for of, own in seconds.items():
         if times[of][0].is_clock:
@@ -274,14 +272,14 @@ def _aligned(
             columns[role] = np.interp(time, own, values, left=np.nan, right=np.nan)[kept]
             if not np.all(np.diff(own) > 0):
                 needs.problems.add(
-                    f"{place}: the time of {match.channel.raw.name} (time_s) does not increase "
-                    "from sample to sample, so its channels cannot be aligned with those of other "
-                    "rates"
+                    f"{first.place}: the time of {match.channel.raw.name} (time_s) does not "
+                    "increase from sample to sample, so its channels cannot be aligned with those "
+                    "of other rates"
                 )
     if kept.sum() < MIN_OVERLAP:
         needs.problems.add(
-            f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "
-            f"s; must be at least {MIN_OVERLAP}"
+            f"{first.place}: the channels share {kept.sum()} samples of time, from {begin:g} to "
+            f"{end:g} s; must be at least {MIN_OVERLAP}"
         )
     notes += [f"{', '.join(moved)} interpolated linearly to the other times"] if moved else []
     notes += [f"{', '.join(left_out)} left out: no numbers"] if left_out else []

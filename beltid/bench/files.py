@@ -59,8 +59,6 @@ class Source:
             if path.stat().st_size > MAX_BYTES:
                 what = "unpacks to more" if is_packed else "larger"
                 raise InputError(f"{self.name}: {what} than {MAX_BYTES >> 20} MB, split it")
-            if not path.stat().st_size:
-                raise InputError(f"{self.name}: the file is empty")
             yield path, form
 
     def _unpack(self, out: Path) -> None:

@@ -29,8 +29,7 @@ SCALING: Final = {  # properties that scale counts of a converter -> the value w
     "scale_factor": 1.0,
 }
 TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
-UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
-"""Properties that hold the unit of a channel."""
+UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")  # keys
 Variables = Mapping[str, "Written | Variables"]
 # The header line that names the separator, which is written with the separator itself
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -140,32 +139,24 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
         raise InputError(f"{place}: damaged: the last segment is cut off")
     channels = [c for group in file.groups() for c in group.channels()]
     starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
-    origin = np.datetime64(min(starts)) if starts else None
+    origin = np.datetime64(min(starts, default="NaT"))
     for group in file.groups():
         said = {**file.properties, **group.properties}.items()
         fields = (Field(str(k), str(v)) for k, v in said if not k.startswith(("wf_", "NI_")))
         found = list[Written]()
         for channel in group.channels():
-            values, about = channel[:], channel.properties
-            times = _waveform(about, len(values), origin, place)
+            values, about, times = channel[:], channel.properties, None
+            step = float(about.get("wf_increment") or 0.0)  # LabVIEW writes 0 if it is unknown
+            if 0 < step < np.inf and len(values):
+                unit = str(about.get("wf_xunit_string", ""))
+                offset = float(about.get("wf_start_offset", 0.0))
+                step, offset = (in_seconds(t, unit, place) for t in (step, offset))
+                if "wf_start_time" in about:
+                    late = np.datetime64(about["wf_start_time"]) - origin
+                    offset += float(late / np.timedelta64(1, "us")) * 1e-6
+                times = even_times(offset, step, len(values))
             found.append(written(channel.name, values, about, times))
         yield from tables_of(place, group.name, "NI TDMS", found, fields)
-
-
-def _waveform(
-    properties: Mapping[str, Any], n: int, origin: np.datetime64 | None, place: str
-) -> np.ndarray | None:
-    """Return the times of a channel [s]; LabVIEW writes a step of 0 if it is unknown."""
-    step = float(properties.get("wf_increment") or 0.0)
-    if not 0 < step < np.inf or not n:
-        return None
-    unit = str(properties.get("wf_xunit_string", ""))
-    offset = float(properties.get("wf_start_offset", 0.0))
-    step, offset = (in_seconds(t, unit, place) for t in (step, offset))
-    if "wf_start_time" in properties and origin is not None:
-        late = np.datetime64(properties["wf_start_time"]) - origin
-        offset += float(late / np.timedelta64(1, "us")) * 1e-6
-    return even_times(offset, step, n)
 
 
 def read_mdf(path: Path, place: str) -> Iterator[Raw]:
@@ -204,30 +195,26 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         is_time = record.get("abscissa_spec_data_type") == 17
-        if is_time and not np.iscomplexobj(record["data"]):
-            said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
-            said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
-            found.append(_record(record, said, place))
-        else:
+        if not is_time or np.iscomplexobj(record["data"]):
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
+            continue
+        said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
+        said = {k: text for k, text in said.items() if text.upper() not in ("", "NONE")}
+        n, stated = len(record["data"]), int(record["num_pts"])
+        if n != stated:
+            raise InputError(
+                f"{place}: damaged: {n} samples found, the header states {stated}; if they are "
+                "binary and spaced unevenly, export them as text"
+            )
+        even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
+        times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
+        name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
+        seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
+        unit = said.get("ordinate_axis_units_lab", "")
+        found.append(Written(name, record["data"], unit, seconds))
     if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
     yield from tables_of(place, "", "universal file (UFF 58)", found, notes=left_out)
-
-
-def _record(record: Mapping[str, Any], said: Mapping[str, str], place: str) -> Written:
-    """Return the time record of a dataset 58, and what its texts say."""
-    n, stated = len(record["data"]), int(record["num_pts"])
-    if n != stated:
-        raise InputError(
-            f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
-            "and spaced unevenly, export them as text"
-        )
-    even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
-    times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
-    name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
-    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
-    return Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), seconds)
 
 
 # --- LabVIEW measurements ------------------------------------------------------------------------
@@ -246,7 +233,10 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
-        rasters, start = _segment(lines, (at, end), own, place, problems), _start(own)
+        clock = f"{_cell(own, 'Date')} {_cell(own, 'Time').replace(',', '.')}"
+        told = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", clock), errors="coerce")
+        start = float("nan") if pd.isna(told) else float(told.timestamp())  # [s from 1970-01-01]
+        rasters = _segment(lines, (at, end), own, place, problems)
         whole = _continued(*parts[-1], rasters[0], start) if parts and len(rasters) == 1 else None
         if whole is None:
             parts += [(raster, start) for raster in rasters]
@@ -291,6 +281,9 @@ def _segment(
     kind = _cell(header, "X_Columns").lower() or "one"
     is_multi, last = kind == "multi", len(names) - 1
     pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
+    between = (cells[1::2] for key, cells in header.items() if _TECHNICAL.fullmatch(key))
+    if is_multi and not any(map(any, between)):  # a blank above the times of each channel
+        header = {key: cells[::2] for key, cells in header.items()}
     fields = [
         Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
     ]
@@ -326,13 +319,6 @@ def _time(
         start, step = pd.to_numeric(pd.Series([*cells]), errors="coerce").fillna(0.0)
         listed = even_times(start, step, n) if step > 0 else None
     return None if listed is None else in_seconds(listed, _cell(header, "X_Unit_Label", k), place)
-
-
-def _start(header: Header) -> float:
-    """Return the absolute start of a segment [s from 1970-01-01], nan if it is not told."""
-    text = f"{_cell(header, 'Date')} {_cell(header, 'Time').replace(',', '.')}"
-    start = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", text), errors="coerce")
-    return float("nan") if pd.isna(start) else float(start.timestamp())
 
 
 def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw, float] | None:

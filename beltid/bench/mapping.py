@@ -350,7 +350,8 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tupl
         return f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"
     if by is None and plain != "1":
         allowed = ", ".join(CONVERSIONS.get(ours, {}))
-        return f"is in {unit}, must be one of {allowed}", "{factor: ..., offset: 0}"
+        near = difflib.get_close_matches(plain, CONVERSIONS.get(ours, {}), 1, 0.8)
+        return f"is in {unit}, must be one of {allowed}", *near, "{factor: ..., offset: 0}"
     return by
 
 

@@ -50,11 +50,6 @@ _CLOCK: Final = re.compile(
     r"(?:\s*(?P<zone>Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?$",
     re.ASCII,
 )
-NOT_READ: Final = (
-    "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the first time "
-    "with or without a date or a zone"
-)
-DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
 def is_number(cell: str) -> bool:
@@ -213,11 +208,15 @@ class Clock:
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
         missing, day_ns = text.isna().to_numpy(), int(DAY_S * 1e9)
+        either = "may be day/month or month/day: write dates as 2026-11-20"
+        other = (
+            "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the "
+            "first time with or without a date or a zone"
+        )
         self.problems.add_alike(
             np.flatnonzero((wrong & ~missing) | unclear),
             lambda i: (
-                f'{self.name} = "{str(text.iloc[i])[:40]}", '
-                f"{DAY_OR_MONTH if unclear[i] else NOT_READ}"
+                f'{self.name} = "{str(text.iloc[i])[:40]}", {either if unclear[i] else other}'
             ),
             place,
         )
@@ -235,35 +234,26 @@ class Clock:
             steps = np.diff(time[rows])
             night = (steps < -0.5 * DAY_S) & (not dated)
             back = np.flatnonzero((steps < 0) & ~night)
+            at, wrong = rows[:1], ""
             if back.size:
-                before, after = rows[back[0]], rows[back[0] + 1]
-                self._report(
-                    place(int(after)),
-                    f"goes back from {_shown(time[before])} to {_shown(time[after])} without "
-                    "passing midnight, must not go backwards",
-                )
+                at = rows[back[0] + 1 :]
+                of_day = pd.to_timedelta(np.round(time[rows[back[0] :][:2]] % DAY_S, 3), "s")
+                span = " to ".join(str(pd.Timestamp(0) + of)[11:23] for of in of_day)
+                wrong = f"goes back from {span} without passing midnight, must not go backwards"
                 time[rows] = np.maximum.accumulate(time[rows])  # reported once
             elif 2 * np.count_nonzero(steps == 0) > max(steps.size, 9):
-                self._report(
-                    place(int(rows[0])),
-                    "stays the same from sample to sample more often than it changes: its "
-                    "resolution is too coarse for the time of the samples",
-                )
+                wrong = "stays the same from sample to sample more often than it changes: its "
+                wrong += "resolution is too coarse for the time of the samples"
+            if wrong:
+                where, line = place(int(at[0]))
+                self.problems.add(f"{where}: {self.name} {wrong}", line)
             time[rows[1:]] += np.cumsum(night) * DAY_S
             self.midnights += int(night.sum())
             time[rows] -= time[rows[:1]]
         return np.round(time, 9)  # finer digits are rounding errors
-
-    def _report(self, at: tuple[str, int], what: str) -> None:
-        self.problems.add(f"{at[0]}: {self.name} {what}", at[1])
 
     @property
     def note(self) -> str:
         """How the time was obtained."""
         past = f", {self.midnights} times past midnight" if self.midnights else ""
         return f"{self.name}: seconds are counted from the first, {self.first}{past}"
-
-
-def _shown(seconds: float) -> str:
-    """Format seconds from midnight as a time of day."""
-    return str(pd.Timestamp(0) + pd.Timedelta(round(seconds % DAY_S, 3), "s"))[11:23]

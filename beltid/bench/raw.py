@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import NumberSigns, word_of
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit, is_known_unit
@@ -29,12 +29,11 @@ POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among 
 # Units that none of our columns has, but that occur in a row of units
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
-IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
-"""Brackets at the end of a name, which may hold its unit."""
+IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")  # may hold the unit
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
-# Prefix that a recorder puts before the name of a channel
-_CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
+_BEFORE_NAME: Final = re.compile(r"^\[([^\[\]]*[^\W\d_][^\[\]]*)\](?=\s*\S)")  # "[1]" is a number
+_CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")  # of the recorder
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
@@ -64,7 +63,6 @@ class Raw:
     signs: NumberSigns = field(default_factory=NumberSigns)  # of numbers among the texts
     encoding: str = ""
     notes: tuple[str, ...] = ()  # what was detected or left out
-    problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
@@ -133,19 +131,15 @@ def table_of(table: pa.Table, place: str) -> Raw:
         elif types.is_nested(kind) or types.is_binary(kind) or hasattr(kind, "extension_name"):
             left_out.append(f"column {name} holds {kind}, left out")
         else:  # texts; times and true or false as texts
-            columns[name] = _texts(values, f"{place}: column {name}")
+            for chunk in values.chunks:
+                words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
+                is_words = types.is_string(words.type) or types.is_large_string(words.type)
+                if is_words and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
+                    what = f"holds texts of more than {LONGEST_TEXT} bytes"
+                    raise InputError(f"{place}: column {name} {what}")
+            columns[name] = pd.array(values.cast(pa.large_string()), dtype="str")
     frame = pd.DataFrame(columns, copy=False)
     return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
-
-
-def _texts(values: pa.ChunkedArray, place: str) -> Any:
-    """Return a column as texts, none of them long."""
-    for chunk in values.chunks:
-        words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
-        is_text = types.is_string(words.type) or types.is_large_string(words.type)
-        if is_text and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
-            raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
-    return pd.array(values.cast(pa.large_string()), dtype="str")
 
 
 def frame_of(frame: Any, place: str) -> Raw:
@@ -185,12 +179,12 @@ def is_unit(text: str) -> bool:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split a name from the unit at its end: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``."""
-    match = (IN_NAME.search(name) or _AFTER_NAME.search(name)) if len(name) <= 300 else None
-    unit = match[1].strip() if match else ""
-    if match is None or not unit or not is_unit(unit):
+    """Split a name from its unit: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``, ``[N] Force``."""
+    ways = (IN_NAME, _AFTER_NAME, _BEFORE_NAME) if len(name) <= 300 else ()
+    match = next(filter(None, (way.search(name) for way in ways)), None)
+    if match is None or not is_unit(match[1].strip()):
         return name.strip(), ""
-    return name[: match.start()].strip(), unit
+    return (name[: match.start()] + name[match.end() :]).strip(), match[1].strip()
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
@@ -201,6 +195,7 @@ def distinct_names(names: Sequence[str]) -> list[str]:
         positions[name] += 1
         if name and counts[name] > 1:
             bare = split_unit(name)[0]
+            bare = bare if name.startswith(bare) else name
             name = f"{bare} #{positions[name]}{name[len(bare) :]}"
         distinct.append(name)
     return distinct

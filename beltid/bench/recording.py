@@ -30,7 +30,7 @@ from beltid.tables.values import absent
 
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
-READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
+READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {  # texts take the dialect, too
     "tdms": formats.read_tdms,
     "mdf": formats.read_mdf,
     "uff": formats.read_uff,
@@ -39,7 +39,6 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {
     "excel": cells.read_excel,
     "parquet": read_parquet,
 }
-"""Format -> reader of the tables of a file; texts also take the dialect of the config."""
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 _UNIT_WORDS: Final = {  # setting -> how its unit is written behind a number in the name of a file
@@ -131,7 +130,7 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(cells.read_text(file, source.name, dialect))
+                return list(cells.read_text(file, source.name, dialect, problems))
             if form == "lvm":
                 return list(formats.read_lvm(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
@@ -199,16 +198,18 @@ def _simulated(path: Path, kind: str) -> Recording | None:
 
 def as_frame(columns: dict[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
     """Move columns in our names and units to a DataFrame, marked as such, its notes in attrs."""
-    frame = pd.DataFrame({name: _series(columns.pop(name)) for name in [*columns]}, copy=False)
+    written = dict[
+        str, Any
+    ]()  # to which one can write: numbers, and labels as pandas makes of them
+    for name in [*columns]:
+        values = columns.pop(name)
+        codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
+        texts = pd.array(words, dtype="str")
+        numbers = np.require(values, requirements="W")
+        written[name] = texts.take(codes, allow_fill=True) if len(words) else numbers
+    frame = pd.DataFrame(written, copy=False)
     frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
     return frame
-
-
-def _series(values: np.ndarray) -> Any:
-    """Return a column that can be written to: labels as pandas makes of them, or numbers."""
-    codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
-    is_text, numbers = len(words) > 0, np.require(values, requirements="W")
-    return pd.array(words, dtype="str").take(codes, allow_fill=True) if is_text else numbers
 
 
 def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
@@ -283,7 +284,8 @@ def inspect_recording(
     names = tuple(source.inside.name for source in sources)
     first = next(iter(benches.values()))
     tables = tables_in(sources[0], first)
-    first.problems.raise_if_any()
+    if not tables:
+        first.problems.raise_if_any()
     channels = [channel for table in tables for channel in channels_of([table])]
     if not kind:
         are_plateaus = of_bench(tables, benches["rig"]).table.kind == "points"
@@ -295,7 +297,8 @@ def inspect_recording(
             f"{path}: the channels do not tell which bench this is (found: {held}); state it "
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
-        return replace(seen, problems=(problem,))
+        unread = (text for _, text in first.problems.found)
+        return replace(seen, problems=(problem, *unread))
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
     seen = replace(seen, pattern=_pattern(names, needs, {*has}, len(tables)))
     if seen.pattern and guess:
@@ -339,13 +342,14 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 
 
 def ranges(channel: Channel) -> dict[str, float]:
-    """Return rate, smallest, largest and first number of a channel; nan for texts."""
+    """Return count, rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
     if is_text(values):
         values = values[:0] if channel.written else values  # times are no numbers
         values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {
+        "samples": len(finite) or int(channel.values.count()),
         "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,
         "min": float(finite.min()),
         "max": float(finite.max()),

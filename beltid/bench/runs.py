@@ -170,10 +170,7 @@ def _rotations(speed: np.ndarray) -> int:
 
 
 class Checker:
-    """Check the columns of one recording and collect the problems.
-
-    Settings that only some rows of a run state are filled in, and words brought to their form.
-    """
+    """Checks of a recording, which fill in settings and bring words to their form."""
 
     def __init__(
         self, name: str, columns: dict[str, np.ndarray], place: PlaceOf, needs: Needs

@@ -119,7 +119,6 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
                 "channel": channel.name,
                 "unit": channel.written or channel.unit or None,
                 "read_as": roles.get(channel.base),
-                "samples": len(channel.raw.frame),
                 **plain(ranges(channel)),
             }
     empty = [n for n in ("rate_Hz", "read_as") if not any(r[n] for r in rows.values())]

@@ -138,6 +138,22 @@ def test_hidden_sheets_are_left_out_and_a_word_among_numbers_has_a_place(tmp_pat
         read_recording(path, "press")
 
 
+@pytest.mark.parametrize("apart", ["\t\t", "\t"])
+def test_every_channel_of_a_labview_measurement_has_its_unit_above_it(tmp_path, apart):
+    """Times beside each channel leave a blank between the cells of the head."""
+    path, told = tmp_path / "press.lvm", {"Samples": "9 9 9", "Y_Unit_Label": "mm kN N"}
+    head = ["LabVIEW Measurement", "X_Columns\tMulti", "***End_of_Header***", "", "Channels\t3"]
+    head += [f"{key}\t{cells.replace(' ', apart)}" for key, cells in told.items()]
+    head += ["***End_of_Header***", "\t".join(["X_Value\t" + n for n in ("Weg", "Rest", "Kraft")])]
+    rows = ["\t".join([f"{0.1 * i:.1f}\t{i * by}" for by in (0.1, 1, 10)]) for i in range(9)]
+    path.write_text("\n".join([*head, *rows, ""]))
+    force = read_recording(path, "press").columns["force_N"]
+    np.testing.assert_array_equal(force, 10.0 * np.arange(9))
+    path.write_text(path.read_text().replace(f"9{apart}9\n", f"9{apart}10\n"))
+    with pytest.raises(InputError, match="Kraft has 9 samples, its header states 10"):
+        read_recording(path, "press")
+
+
 @pytest.mark.parametrize("told", [{"Slope": 0.02, "offset": -1.0}, {"Slope": 1.0, "serial": 7.0}])
 def test_whole_numbers_are_read_once_the_config_says_what_they_are(tmp_path, told):
     counts = (50 * w.PRESS["force_N"].to_numpy()).astype(np.int16)

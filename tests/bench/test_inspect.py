@@ -129,3 +129,13 @@ def test_repeated_columns_that_no_run_needs_are_no_second_recording(tmp_path):
         path = text(tmp_path, f"{kind}.csv", *(";".join(map(str, row)) for row in table))
         recording = read_recording(path, kind)
         assert {len(values) for values in recording.columns.values()} == {20}
+
+
+def test_rows_that_are_not_read_are_told_though_columns_are_missing(tmp_path):
+    path = text(tmp_path, "rig.csv", "U1;U2;U3", *["1;2;3"] * 8, "1;2;3;4", *["1;2;-"] * 2)
+    for stated in ((), ("--kind", "rig")):
+        status, found = inspect(path, *stated)
+        assert status == 2
+        assert len(found["warnings"]) == 2
+        assert found["warnings"][1] == f"{path}:10: 4 cells, must be 3"
+        assert [row["samples"] for row in found["table"]] == [10, 10, 8]

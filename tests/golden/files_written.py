@@ -186,6 +186,9 @@ def lvm(
     def number(value: float) -> str:
         return f"{value:.9f}".replace(".", decimal)
 
+    def each(*cells: str) -> list[str]:
+        return [c for cell in cells for c in ((cell, "") if x == "Multi" else (cell,))]
+
     word = {"\t": "Tab", ",": "Comma"}[sep]
     rows = [["LabVIEW Measurement", ""], ["Separator", word], ["Decimal_Separator", decimal]]
     rows += [["Multi_Headings", "Yes"], ["X_Columns", x], ["***End_of_Header***", ""]]
@@ -195,12 +198,12 @@ def lvm(
         rows += [
             ["", ""],
             ["Channels", "3", ""],
-            ["Date", *["2026/11/20"] * 3, ""],
-            ["Time", *[f"09:51:{number(40 + clock * time[0])}"] * 3, ""],
-            ["Y_Unit_Label", *[UNITS[name] for name in CELLS[1:]], ""],
-            ["X_Dimension", *["Time"] * 3, ""],
-            ["X0", *[number(0.0 if clock else time[0])] * 3, ""],
-            ["Delta_X", *[number(time[1] - time[0])] * 3, ""],
+            ["Date", *each(*["2026/11/20"] * 3), ""],
+            ["Time", *each(*[f"09:51:{number(40 + clock * time[0])}"] * 3), ""],
+            ["Y_Unit_Label", *each(*[UNITS[name] for name in CELLS[1:]]), ""],
+            ["X_Dimension", *each(*["Time"] * 3), ""],
+            ["X0", *each(*[number(0.0 if clock else time[0])] * 3), ""],
+            ["Delta_X", *each(*[number(time[1] - time[0])] * 3), ""],
             ["***End_of_Header***", "", "", "", ""],
         ]
         multi = x == "Multi"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,6 +93,7 @@ MACHINE = w.named("press")
 DRIVE = w.named("speedloss", language=1)
 IN_MM = w.named("speedloss", {"torque_N_m": "N mm"})
 IN_MN = w.named("press", {"force_N": "mN"})
+IN_FRONT = IN_MN.rename(columns=lambda name: re.sub(r"^(.+) (\[.+\])$", r"\2 \1", name))
 LINES = w.table(RIG).splitlines()
 REMARKS = "\n".join(["# bench 3", *LINES[:90], "# cycle 2", *LINES[90:], ""])
 ANOTHER = "time_s,displacement_mm,force_N\n0,1,2\n1,2,3\n"
@@ -161,6 +163,8 @@ FORMATS: dict[str, Case] = {
     "remarks": text("rig", REMARKS),
     "lines to skip": text("press", ANOTHER + w.table(PRESS), config=SKIPPED),
     "dialect": text("press", w.table(MACHINE, ";", ","), config=SIGNS),
+    "titles of more cells": text("press", "a,b,c,d,e,f,g\n" * 2 + w.table(MACHINE)),
+    "units in front": text("press", w.table(IN_FRONT)),
     "missing numbers": text("press", w.table(GAPS), true=GAPPED),
     "side by side": text("press", w.table(BESIDE, ";"), true=pd.concat([SPECIMEN, SECOND])),
     "names stated, sign turned": text("press", w.table(TURNED), config=K1),
@@ -408,9 +412,11 @@ REFUSED: dict[str, Refused] = {
     "no settings": rig("arc_deg initial_tension_N values pattern table", FIRST[w.CELLS]),
     "two travels": headed("P.csv:1 Standardweg Traversenweg displacement_mm columns:", WAY),
     "two forces": press("rec.csv:1 Kraft force_N tension_tight_N columns:", FORCES),
+    "missing beside two labels": headed("P.csv:1 test force_N missing", "Probe;Versuch;E [MPa]"),
     # units
     "no unit": headed("P.csv:1 Kraft force_N units:", H),
     "an unknown unit": headed("P.csv:1 kip kN lbf", H + " [kip]"),
+    "a unit near to ours": renamed("rad.s rad/s}} factor", pulley_speed_rad_s=f"{OMEGA} [rad.s]"),
     "two units": headed("P.csv:2 force_N kN units:", H + " [N]\ns;mm;kN"),
     "volts": headed("P.csv:1 force_N V N/V factor offset", H + " [V]"),
     "volts of newtons": headed("P.csv:1 force_N V", H + " [N]", units={"force_N": "250 N/V"}),
