@@ -207,7 +207,7 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
     filled = [i for i, line in enumerate(top) if not remark.match(line)]
     if not filled:
-        raise InputError(f"{place}: is empty, must hold a header")
+        raise InputError(f"{place}: holds no header: it is empty, or blank lines and remarks only")
     first = filled[0]
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
     lines, starts = top[: first + SEARCHED], {s: cells_of(top[first], s) for s in separators}
