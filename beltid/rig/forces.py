@@ -230,14 +230,13 @@ def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float, float,
     """Return line force and touching share of a point, each before its slope, Eqs. (1), (3)."""
     # at the ends of the contact only some of the part touches: the penetration grows from zero as
     # its mean over the part does, so no stiffness jumps
-    delta, half = -gap, 0.5 * pulley.edge * part
-    grows, growth = 1.0, 0.0
+    delta, half, grows, growth = -gap, 0.5 * pulley.edge * part, 1.0, 0.0
     if delta < half:
         grows, growth = max(0.0, (delta + half) / (2.0 * half)), 0.5 / half
         delta = grows * grows * half
     f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-    slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic) * grows
-    return f, slope, grows, growth
+    k = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic)
+    return f, k * grows, grows, growth
 
 
 @kernel
@@ -286,8 +285,7 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: floa
                 q_x, q_y = q[4 * el + 2 * j], q[4 * el + 2 * j + 1]
                 x, y = x + N[el, c, j] * q_x, y + N[el, c, j] * q_y
                 dx, dy = dx + N_s[el, c, j] * q_x, dy + N_s[el, c, j] * q_y
-            rho = math.sqrt(x * x + y * y)
-            point.rho = rho
+            rho = point.rho = math.sqrt(x * x + y * y)
             n = (x / rho, y / rho)
             t = (n[1], -n[0])
             turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
@@ -313,9 +311,8 @@ def add_contact(mesh: Mesh, pulley: Pulley, motion: Motion, s: State, back: floa
             if moves:
                 approach = before.rho - rho
                 if approach > 0.0:  # Eq. (2): dissipation only while approaching, where it touches
-                    damping = pulley.C_P * w * rate
-                    F_N += damping * grows * approach
-                    k += damping * (grows + growth * approach)
+                    C = pulley.C_P * w * rate
+                    F_N, k = F_N + C * grows * approach, k + C * (grows + growth * approach)
                 slip = rho * (motion.omega / rate - point.theta + before.theta)
                 v_slip = rate * R / rho
                 v = abs(slip) * v_slip
