@@ -243,7 +243,7 @@ def _solved(loop: Loop, near: LoopState | None) -> LoopState:
             before = np.abs(r).max()
             if state is not None and before <= GOAL:
                 return replace(state, jacobian=J)
-            step = np.linalg.solve(J, -r)
+            step = np.linalg.lstsq(J, -r)[0]  # whatever the rank
             u = u + step
             r, state = loop.residual(u)
             J = J + np.outer(r, step) / (step @ step)
