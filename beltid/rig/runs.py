@@ -57,28 +57,28 @@ def lay_on(model: RigModel) -> State:
         [(0.0, Border(by_stretch, np.array([k * T_0, 0.0]), np.zeros(4))) for k in factors]
         for factors in DETOURS
     ]
-    stretch = 1.0 / (1.0 + T_0 / model.system.belt.EA)
-    on_path = model.path.coordinates(model.nodes).ravel()
-    return _approach(model, on_path, stretch, stages, "laying the belt on")
+    on_path = State.of(model.system.mesh)
+    on_path.q[:] = model.path.coordinates(model.nodes).ravel()
+    on_path.u[0] = 1.0 / (1.0 + T_0 / model.system.belt.EA)
+    return _approach(model, on_path, stages, "laying the belt on")
 
 
-def slide(model: RigModel, laid: State) -> State:
-    """Turn the pulley under the laid-on belt until every touching point slides; as `lay_on`."""
+def slide(model: RigModel, start: State) -> State:
+    """Turn the pulley until every touching point slides; errors as of `lay_on`.
+
+    ``start`` is the belt laid on, or sliding at another speed, which is nearer to the solution.
+    """
     stages = [[(share, model.border) for share in shares] for shares in STAGES]
-    return _approach(model, laid.q, float(laid.u[0]), stages, "the sliding belt")
+    return _approach(model, start, stages, "the sliding belt")
 
 
 def _approach(
-    model: RigModel,
-    start: Array,
-    stretch: float,
-    sequences: list[list[tuple[float, Border]]],
-    aim: str,
+    model: RigModel, start: State, sequences: list[list[tuple[float, Border]]], aim: str
 ) -> State:
     """Find an equilibrium through one of the sequences of friction shares and borders."""
     s, spent, residual = State.of(model.system.mesh), 0, math.inf
     for sequence in sequences:
-        s.q_old[:], s.u[:] = start, (stretch, 0.0)
+        s.q_old[:], s.u[:] = start.q, (start.u[0], 0.0)
         for share, border in sequence:
             motion = Motion(0.0, model.point.omega, share)
             count, residual = equilibrium(model.system, motion, border, s, MOST_ITERATIONS)
@@ -261,7 +261,6 @@ class RunResult:
     sliding: State
     # of a transient run: time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s
     recording: Mapping[str, Array] | None
-    halvings: int  # of steps
     clamped_lookups: int  # contact points that slide outside the measured range of the surface
 
     @property
@@ -277,8 +276,9 @@ class RunResult:
     @property
     def mu(self) -> float:
         """Apparent coefficient of friction by Eq. (6) [-]."""
-        tight, slack = self.sliding.T_A, self.sliding.T_B
-        return float(friction_coefficient(tight, slack, self.model.point.beta))
+        return float(
+            friction_coefficient(self.sliding.T_A, self.sliding.T_B, self.model.point.beta)
+        )
 
     @property
     def normal_force_N_m(self) -> float:
@@ -337,26 +337,28 @@ def runs_of_one_belt(
         laid = lay_on(model)
     except BeltidError as error:
         return [error] * len(points)
-    results = list[RunResult | BeltidError]()
+    sliding, results = laid, list[RunResult | BeltidError]()
     for point in points:
+        run = replace(model, point=point)
         try:
-            results.append(_simulated(bench, replace(model, point=point), laid, settings))
+            sliding = slide(run, sliding)
+            results.append(_simulated(bench, run, laid, sliding, settings))
         except BeltidError as error:
             results.append(error)
     return results
 
 
 def _simulated(
-    bench: Bench, model: RigModel, laid: State, settings: SimulationSettings
+    bench: Bench, model: RigModel, laid: State, sliding: State, settings: SimulationSettings
 ) -> RunResult:
-    """Simulate a run from the belt laid on and tightened."""
-    last, recording, steps = slide(model, laid), None, np.zeros(0, dtype=STEP)
+    """Simulate a run whose belt laid on and whose steady state are known."""
+    last, recording = sliding, None
     if settings.method == "transient":
         solver = equilibrium
         if settings.friction_solver == "lemke":
             from beltid.rig.lcp import step_by_lemke as solver
         falls = bench.surface.falls_with_speed
-        steps, last = run_transient(model, laid, last, falls, solver)
+        steps, last = run_transient(model, laid, sliding, falls, solver)
         tight, slack = np.hypot(steps["force"][:, ::2], steps["force"][:, 1::2]).T
         recording = {
             "time_s": np.append(0.0, np.cumsum(steps["dt"])),
@@ -365,6 +367,5 @@ def _simulated(
             "pulley_speed_rad_s": np.append(0.0, steps["omega"]),
         }
     touching = last.now[last.touching]
-    inside = bench.surface.covers(touching["f_N"], touching["speed"])
-    outside = int(np.count_nonzero(~inside))
-    return RunResult(model, last, recording, int(steps["halvings"].sum()), outside)
+    outside = ~bench.surface.covers(touching["f_N"], touching["speed"])
+    return RunResult(model, last, recording, int(np.count_nonzero(outside)))

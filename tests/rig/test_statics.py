@@ -131,15 +131,15 @@ def test_what_is_meaningless_is_refused() -> None:
         bench().model(at(T_0=3e4))
 
 
-def test_no_run_of_a_belt_depends_on_the_others() -> None:
-    points = [at(82, 270), at(82, 270, 0.5)]
+def test_runs_of_a_belt_start_from_each_other_and_end_where_they_would_alone() -> None:
+    points = [at(82, 270), at(82, 270, 0.5), at(82, 270, 0.05)]
     rig = bench(law=LAW_5PK, mu=surface_5pk())
     for point, run in zip(points, runs_of_one_belt(rig, points, STEADY), strict=True):
         assert isinstance(run, RunResult)
         alone = simulate(rig, point, STEADY)
         T_A, T_B = alone.tension_tight_N, alone.tension_slack_N
-        assert (run.tension_tight_N, run.tension_slack_N) == (T_A, T_B)
-        assert run.mu == pytest.approx(float(friction_coefficient(T_A, T_B, point.beta)))
+        assert (run.tension_tight_N, run.tension_slack_N) == pytest.approx((T_A, T_B), rel=1e-8)
+        assert run.mu == pytest.approx(friction_coefficient(T_A, T_B, point.beta), rel=1e-8)
     failed = runs_of_one_belt(rig, [HOPELESS] * 2, STEADY)
     assert [type(error) for error in failed] == [ConvergenceError] * 2
 
