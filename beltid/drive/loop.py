@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, root
 
-from beltid.drive.geometry import Layout, arm_moment, layout, preceding
-from beltid.drive.model import DrivePoint
+from beltid.drive.model import DrivePoint, Layout, arm_moment, layout, preceding
 from beltid.drive.string import Arcs, Level
 from beltid.errors import ConvergenceError, InputError
 from beltid.rig.flow import FlowState

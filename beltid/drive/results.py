@@ -15,9 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.geometry import preceding
 from beltid.drive.loop import LoopState, RestState
-from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.model import Drive, DrivePoint, preceding
 from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]

@@ -13,11 +13,12 @@ import math
 from collections import deque
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
-from typing import Literal
+from functools import cache, cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from beltid.drive.loop import Loop, LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
@@ -43,6 +44,12 @@ WITHOUT_RANGE = 0.05  # fastest sliding over belt speed, for friction without a 
 SLIDING = 0.01  # over the belt's speed, where friction is looked up for what a bent belt holds
 LEAST_END = 0.1  # share of a span force that acts along a bent belt on the pulley
 SEATED = 4.0  # lengths of the elastic bed behind the first contact after which the ribs are seated
+LIMIT_TOLERANCE = 2e-5  # relative, of a limit of a string
+# shares of a limit at which its rods are solved; with whole pulleys sliding the first has none
+BELOW = (0.97, 0.9)
+LIMIT_STEP = 1.5  # ratio of two factors at which a limit is bracketed
+SMALLEST_FACTOR, LARGEST_FACTOR = 2.0**-20, 2.0**20
+MOST_RESERVE = 10.0
 
 
 def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
@@ -253,3 +260,95 @@ class Simulator:
         behind = (points["theta"] - points["theta"][0]) * self.drive.pulleys[i].R
         seated = behind >= SEATED * (self.drive.belt.EI / stiffness) ** 0.25
         return abs(float(points["slip"][np.argmax(seated) if seated.any() else -1]))
+
+
+class SlipLimit(NamedTuple):
+    """Torque limits of an operating point, as factors on all of its torques and powers [-]."""
+
+    adhesion: float  # at which the first pulley loses its adhesion arc
+    slip: float  # beyond which no steady sliding within the measured speeds transmits them
+
+
+def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
+    """Find the largest factors on the torques of a point, which must not all be zero.
+
+    Torques without a steady state count as not transmitted. With rods the limit is that of the
+    string with the differences of rods and string of a state just below it.
+    """
+    if point.omega < 0.0:
+        forwards = replace(point.reversed(), omega=-point.omega)
+        return slip_limit(simulator.backwards, forwards)
+    state, limits = simulator.solve(point.scaled(0.0)).state, [1.0]
+    for with_slip in (False, True):
+        factor = _of_level(simulator, point, with_slip, state, limits[-1])
+        is_found = 0.0 < factor < math.inf
+        for share in BELOW[with_slip:] if is_found and simulator.method == "rod" else ():
+            with suppress(ConvergenceError):
+                below = simulator.solve(point.scaled(share * factor)).state
+                if below.rods:
+                    state, factor = below, _of_level(simulator, point, with_slip, below, factor)
+                    break
+        limits.append(factor)
+        if not is_found:
+            break
+    return SlipLimit(limits[1], limits[-1])
+
+
+def _of_level(
+    simulator: Simulator, point: DrivePoint, with_slip: bool, near: LoopState, guess: float
+) -> float:
+    """Find the factor with the belt on its pulleys as in a state, bracketed about a guess."""
+    level = near.level
+    rest = replace(simulator.at_rest(point), level=level)
+
+    @cache
+    def margin(factor: float) -> float:
+        """Room over the arc that is needed, less 1, of the pulley with the least."""
+        nonlocal near
+        found = None
+        with suppress(ConvergenceError):
+            found = solve_loop(point.scaled(factor), rest, near)
+        if found is None or found.slack or found.v0 <= 0.0:
+            return -1.0
+        needed = found.arcs.needed
+        if with_slip:
+            forces = zip(found.P_in.tolist(), found.P.tolist(), strict=True)
+            arcs = [level.arcs_by_speed(i, *P, found.v0) for i, P in enumerate(forces)]
+            needed = np.array([of_pulley.min() for of_pulley in arcs])
+        # bounded: the infinite reserve of an idling pulley could not be interpolated
+        most = found.arcs.room / np.maximum(needed, found.arcs.room / MOST_RESERVE)
+        if most.min() > 1.0:
+            near = found
+        return float(most.min()) - 1.0
+
+    low = high = guess
+    while margin(high) > 0.0:
+        low, high = high, LIMIT_STEP * high
+        if high > LARGEST_FACTOR:
+            return math.inf
+    while low == high or margin(low) <= 0.0:
+        low, high = low / LIMIT_STEP, low
+        if low < SMALLEST_FACTOR:
+            return 0.0
+    return float(brentq(margin, low, high, xtol=LIMIT_TOLERANCE * high, rtol=LIMIT_TOLERANCE))
+
+
+def installed_belts(
+    drive: Drive, method: Method, point: DrivePoint, tolerance: float
+) -> dict[str, DriveResult]:
+    """Solve a point with the shortest, the mean and the longest belt, by a tolerance both ways [m].
+
+    An InputError says that a belt does not fit the pulleys, or that any does.
+    """
+    if drive.installation == "slack_force":
+        raise InputError(
+            "drive.belt_length_tolerance_m: must be left out with installation: slack_force"
+        )
+    mean = Simulator(drive, method).solve(point).rest.belt_length
+    lengths = {"min": mean - tolerance, "mean": mean, "max": mean + tolerance}
+    return {
+        name: Simulator(replace(drive, belt_length=length), method).solve(
+            replace(point, T_0=np.nan)
+        )
+        for name, length in lengths.items()
+    }

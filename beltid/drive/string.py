@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from beltid.drive.geometry import Layout, following
-from beltid.drive.model import Drive, Pulley
+from beltid.drive.model import Drive, Layout, Pulley, following
 from beltid.laws import penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface

@@ -13,11 +13,9 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.config.model import DriveSection
-from beltid.drive.geometry import layout
-from beltid.drive.limits import installed_belts, slip_limit
-from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner, layout
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult
-from beltid.drive.simulator import Simulator, short_spans
+from beltid.drive.simulator import Simulator, installed_belts, short_spans, slip_limit
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

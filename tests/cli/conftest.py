@@ -27,7 +27,7 @@ def finished(made_once: Any, small: Path) -> Path:
         laws = "surface.parquet stiffness.parquet"
         with pytest.MonkeyPatch.context() as patch:
             # the limits of a drive roughly
-            patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
+            patch.setattr("beltid.drive.simulator.LIMIT_TOLERANCE", 0.05)
             done(folder, f"simulate-drive {laws} --from slip.parquet -c drive.yaml")
 
     return made_once("finished", fill)

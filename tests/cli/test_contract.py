@@ -42,7 +42,7 @@ FILES = {name: stage.file_name({"arc": 0, "tension": 0, "speed": 0}) for name, s
 @pytest.fixture(autouse=True)
 def rough(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits of a drive roughly."""
-    monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
+    monkeypatch.setattr("beltid.drive.simulator.LIMIT_TOLERANCE", 0.05)
 
 
 def poisoned(config: Config, uses: tuple[str, ...]) -> Config:

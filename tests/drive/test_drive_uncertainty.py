@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from drives import loss_of, simulate
 
-from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.simulator import Simulator
+from beltid.drive.simulator import Simulator, slip_limit
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from drives import BELT_5PK, LAW_5PK, loss_of, simulate, true_surface, two_pulleys
 
-from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.results import DriveResult
-from beltid.drive.simulator import Simulator
+from beltid.drive.simulator import Simulator, slip_limit
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.flow import FlowPulley, FlowState, flow

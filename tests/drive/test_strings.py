@@ -12,12 +12,10 @@ from drives import BELT_5PK, LAW_5PK, loss_of, simulate, two_pulleys
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from beltid.drive.geometry import layout
-from beltid.drive.limits import slip_limit
 from beltid.drive.loop import solve_loop
-from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner, layout
 from beltid.drive.results import DriveResult
-from beltid.drive.simulator import Simulator
+from beltid.drive.simulator import Simulator, slip_limit
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

@@ -12,10 +12,8 @@ from typing import Any
 
 import pytest
 
-from beltid.drive.geometry import layout
-from beltid.drive.limits import installed_belts
-from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.simulator import Simulator
+from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner, layout
+from beltid.drive.simulator import Simulator, installed_belts
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Belt
 
