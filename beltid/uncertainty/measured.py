@@ -17,7 +17,7 @@ from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
-from beltid.identify.surface.surface import Points, SurfaceGrid, grid_through
+from beltid.identify.surface.surface import Points, SurfaceGrid, surface_through
 from beltid.laws.capstan import (
     friction_coefficient,
     hub_force,
@@ -321,7 +321,7 @@ def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
 def published_grid(measured: Measured) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
     of_runs = measured.normal_force, measured.slip_speed, measured.mu, measured.mu_se
-    return grid_through(Points(np.degrees(measured.beta), *of_runs))[0]
+    return surface_through(Points(np.degrees(measured.beta), *of_runs))[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:

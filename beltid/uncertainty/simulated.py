@@ -216,34 +216,26 @@ class RunsUncertainty:
     @classmethod
     def joined(cls, parts: Sequence[Self], runs: Sequence[str]) -> Self:
         """Join groups of runs, whose sources may differ, under the labels of all runs."""
-        sources = dict[tuple[str, int], Source]()
-        for source in (source for part in parts for source in part.sources):
-            sources.setdefault(source.key, source)
-        places = {key: k for k, key in enumerate(sources)}
+        sources = {source.key: source for part in parts for source in part.sources}
         arrays = {name: [getattr(part, name) for part in parts] for name in (*ARRAYS, "mu")}
-        for name in ("simulated", "difference"):
-            for k, part in enumerate(parts):
-                aligned = np.zeros((len(arrays[name][k]), len(places)))
-                aligned[:, [places[source.key] for source in part.sources]] = arrays[name][k]
-                arrays[name][k] = aligned
+        for k, part in enumerate(parts):
+            places = [[*sources].index(source.key) for source in part.sources]
+            for name in ("simulated", "difference"):
+                arrays[name][k] = arrays[name][k] @ np.eye(len(sources))[places]
         joined = {name: np.concatenate(values) for name, values in arrays.items()}
         return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
         """Return it as JSON data, with as many digits as an uncertainty needs."""
-        arrays = {}
-        for name in ARRAYS:
-            values = getattr(self, name)
-            short = [float(f"{x:.{DIGITS}g}") for x in values.ravel()]
-            arrays[name] = np.reshape(short, values.shape).tolist()
+        short = np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"), otypes=[float])
+        arrays = {name: short(getattr(self, name)).tolist() for name in ARRAYS}
         sources = [asdict(source) for source in self.sources]
         return {"sources": sources, "runs": list(self.runs), **arrays}
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     """Read the uncertainty in the metadata of a simulated recording; None if there is none."""
-    stored = extra.get("uncertainty")
-    if not stored:
+    if not (stored := extra.get("uncertainty")):
         return None
     arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
     sources = tuple(Source(**row) for row in stored["sources"])
@@ -347,8 +339,8 @@ def validated(
         """Return the values of a column; zero where they are missing."""
         return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
-    whole = column(measured, "mu_sliding_u", of_measured)
-    whole = np.where(whole > 0.0, whole, column(measured, "mu_sliding_se", of_measured)) / mu
+    whole, own = (column(measured, f"mu_sliding_{of}", of_measured) / mu for of in ("u", "se"))
+    whole = np.where(whole > 0.0, whole, own)
     of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
     shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
     is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
@@ -382,7 +374,6 @@ def validated(
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
     u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
     result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
-    rms = result.rms_error_over_uncertainty
     columns = {
         "u_measured": whole * mu,
         "u_input": u_input * known,
@@ -393,7 +384,7 @@ def validated(
     facts = {
         "n": int(mu.size),
         "within_2u": int(np.count_nonzero(np.abs(columns["e_over_u"]) <= WITHIN)),
-        "rms_e_over_u": rms if np.isfinite(rms) else None,
+        "rms_e_over_u": rms if np.isfinite(rms := result.rms_error_over_uncertainty) else None,
         "inputs_known": is_known,
     }
     lines = budget("difference", sources, difference, parts)
@@ -402,7 +393,6 @@ def validated(
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the largest contributions of a budget, in words."""
-    parts = [row for row in rows[:-1] if row["contribution_percent"] > 0.0]
-    parts.sort(key=lambda row: -row["contribution_percent"])
-    words = (f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN])
-    return ", ".join(words)
+    sizes = [(row["contribution_percent"], row["source"]) for row in rows[:-1]]
+    largest = sorted(sizes, key=lambda pair: -pair[0])[:SHOWN]
+    return ", ".join(f"{source} {size:.2g} %" for size, source in largest if size > 0.0)

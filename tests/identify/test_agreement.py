@@ -143,7 +143,7 @@ def test_each_tolerance_decides(name: str) -> None:
     assert compare_points(measured, simulated, {name: 0.0301}).passed
     failed = compare_points(measured, simulated, {name: 0.0299})
     assert not failed.passed
-    (row,) = failed.verdict_table()
+    (row,) = failed.judged
     found = pytest.approx(0.03)
     assert row == {"tolerance": name, "found": found, "allowed": 0.0299, "holds": False}
 
