@@ -17,9 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError, TooFewSettings, counted
-from beltid.identify.estimators import settings_of
-
-Array = NDArray[np.float64]
+from beltid.identify.estimators import Array, settings_of
 
 Columns = dict[str, NDArray[Any]]
 

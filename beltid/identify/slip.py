@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
+    Array,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
@@ -27,7 +28,6 @@ from beltid.identify.estimators import (
 )
 from beltid.laws.capstan import sliding_speed
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 Runs = dict[str, list[Array]]  # samples of each run by column
 

@@ -20,7 +20,6 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from beltid.errors import InputError
@@ -36,6 +35,7 @@ from beltid.uncertainty.simulated import MESH, Campaign, RigRuns, residual_chang
 from beltid.uncertainty.sources import (
     ARC,
     SURFACE,
+    Array,
     Source,
     StandardUncertainties,
     SurfaceUncertainty,
@@ -43,8 +43,6 @@ from beltid.uncertainty.sources import (
     stated_sources,
     with_sources,
 )
-
-Array = NDArray[np.float64]
 
 LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
 LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)

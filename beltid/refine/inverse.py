@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Posterior
+from beltid.mixed import Array, Posterior
 from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
@@ -38,8 +37,6 @@ from beltid.uncertainty.sources import (
     effect_sources,
     factor_of,
 )
-
-Array = NDArray[np.float64]
 
 KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
 MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
@@ -122,15 +119,14 @@ def refine_surface(
             share = min(1.0, math.hypot(told[0][k], told[1][k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
-    gain, by_effect = runs.gain(posterior), [np.zeros((n, 0))]
-    for effect in runs.effects:
-        size = posterior.sizes[effect.key]
-        left += effect_sources(effect.key, size, effect.columns.shape[1])
-        by_effect.append(size * effect.columns)
-    shared = gain[:q] @ np.hstack([changes, *by_effect])
+    gain = runs.gain(posterior)
+    effects = [(e.key, posterior.sizes[e.key], e.columns) for e in runs.effects]
+    for key, size, columns in effects:
+        left += effect_sources(key, size, columns.shape[1])
+    shared = gain[:q] @ np.hstack([changes, *(size * columns for _, size, columns in effects)])
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
-    by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
+    by_errors = gain @ changes
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
     warnings, iterations = list[str](), first.iterations + fit.iterations
     if not posterior.converged:
@@ -167,7 +163,7 @@ def refine_surface(
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
         iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
-        effective_parameters=effective,
+        effective_parameters=float(np.sum(gain * posterior.model.X[:, 0].T)),
         warnings=tuple(warnings),
     )
 
@@ -189,9 +185,8 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
         force, weight = run.look_ups()
         J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
-    by_speed: Array = np.zeros((m, k))
-    if m > 1:
-        by_speed = np.asarray(np.gradient(parameters.reshape(m, k), curves.log_speed, axis=0))
+    of_speeds = parameters.reshape(m, k)
+    by_speed = np.gradient(of_speeds, curves.log_speed, axis=0) if m > 1 else 0.0 * of_speeds
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
@@ -220,7 +215,7 @@ class Fit(NamedTuple):
     weight: Array  # of the runs: 1, less for outliers, (n,)
     log_mu_before: Array
     iterations: int
-    still_changing: float = 0.0
+    still_changing: float
     """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
 
 
@@ -271,16 +266,16 @@ class Problem:
             sizes = posterior.sizes
             residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
             share, at, done, change, gain = self._descend(at, done, runs, posterior)
-            if share == 0.0 and gain <= NOTHING:
-                return Fit(at, done, runs, posterior, weight, before, iteration)
-            if share == 0.0 and iteration >= CHOICES:
+            settled = share == 0.0 and gain <= NOTHING
+            if settled or (share == 0.0 and iteration >= CHOICES):
                 break
-        if change > NEARLY:
+        if not settled and change > NEARLY:
             raise ConvergenceError(
                 f"refined surface: no convergence in {iteration} iterations (last change of mu "
                 f"{100 * change:.2g} %)",
             )
-        return Fit(at, done, runs, posterior, weight, before, iteration, change)
+        left = 0.0 if settled else change
+        return Fit(at, done, runs, posterior, weight, before, iteration, left)
 
     def _descend(
         self, at: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
@@ -340,8 +335,8 @@ class ShownEffect(NamedTuple):
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = np.abs(found.stated_errors[0]).tolist()
-    rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
+    sizes = zip(np.abs(found.stated_errors[0]).tolist(), found.stated, strict=True)
+    rising = sorted(sizes, key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
 
 
@@ -357,16 +352,13 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         clearest = np.argmax(apart @ mean / np.sqrt(np.einsum("nk,kl,nl->n", apart, C, apart)))
         rows[ARC], arcs = apart[clearest][None], tuple(arcs_deg[pairs[clearest]].tolist())
     rows |= {key: unit[key] for key in (ORDER, TEMPERATURE) if key in unit}
-    if COURSE in unit:
-        rows[COURSE] = columns[COURSE] @ unit[COURSE]
+    rows |= {COURSE: columns[COURSE] @ unit[COURSE]} if COURSE in unit else {}
     effects = list[ShownEffect]()
     for key, of in rows.items():
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
-        explained = math.nan
-        if key != ARC:
-            change = found.runs.response * (columns[key] @ (unit[key] @ mean))
-            explained = found.runs.explained(change, found.posterior.sizes)
+        change = found.runs.response * (columns[key] @ (unit[key] @ mean))
+        explained = math.nan if key == ARC else found.runs.explained(change, found.posterior.sizes)
         hidden = explained > CONFOUNDED
         large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
         clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search

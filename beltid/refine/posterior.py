@@ -22,16 +22,14 @@ from typing import Final
 
 import numpy as np
 from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size
+from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
-Array = NDArray[np.float64]
 Sizes = Mapping[str, float]
 
 FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
@@ -83,8 +81,7 @@ class Curves:
     def parts(self) -> dict[str, Array]:
         """Columns of B by the name of their part."""
         k, m = self.log_force.size, self.log_speed.size
-        x = (self.log_force - self.log_force.mean())[:, None]
-        D = np.diff(np.eye(m), axis=0)
+        x, D = (self.log_force - self.log_force.mean())[:, None], np.diff(np.eye(m), axis=0)
         between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
         parts = {
             LEVEL: np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
@@ -101,10 +98,9 @@ class Curves:
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
         log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        log_mu = values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T
-        rows = zip(self.log_speed, log_mu, strict=True)
-        force = np.exp(log_force)
-        return [FrictionSurface(force, [np.exp(v)], np.exp(row)[:, None]) for v, row in rows]
+        mu = np.exp(values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T)
+        rows = zip(np.exp(self.log_speed), mu[..., None], strict=True)
+        return [FrictionSurface(np.exp(log_force), [v], row) for v, row in rows]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""

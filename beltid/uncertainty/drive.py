@@ -23,9 +23,8 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import BENDING, SLOWER, Errors, Source, factor_of
+from beltid.uncertainty.sources import BENDING, SLOWER, Array, Errors, Source, factor_of
 
-Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 Input = tuple[Drive, Sequence[DrivePoint]]
 

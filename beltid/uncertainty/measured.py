@@ -35,6 +35,7 @@ from beltid.uncertainty.sources import (
     PRESS,
     REDUCTION_SOURCES,
     RIG,
+    Array,
     Errors,
     Source,
     StandardUncertainties,
@@ -44,8 +45,6 @@ from beltid.uncertainty.sources import (
     reduction_sources,
     stated_sources,
 )
-
-Array = NDArray[np.float64]
 
 POINTS = 200
 
@@ -69,9 +68,8 @@ class PressLaw:
         k = k + root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
         force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
-        force = force / (1.0 + errors.at("segment_length"))
-        travel = 1.0 + errors.at("press_displacement")
-        corrected = k * force / np.array([travel, travel**2])
+        travel = (1.0 + errors.at("press_displacement")) ** np.array([1.0, 2.0])
+        corrected = k * (force / (1.0 + errors.at("segment_length"))) / travel
         return np.asarray(np.maximum(corrected, 0.0))
 
     def _per_compliance(self) -> Array:
@@ -84,10 +82,9 @@ class PressLaw:
         slope, force = self.law.stiffness(delta), self.law.force(delta)
         present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
         design = np.column_stack([delta, delta**2, slope])[:, present]
-        size = np.linalg.norm(design, axis=0)
-        force_change = slope * self.segment_length_m * force
-        change = np.zeros(3)
-        change[present] = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
+        size, change = np.linalg.norm(design, axis=0), np.zeros(3)
+        moved = slope * self.segment_length_m * force
+        change[present] = np.linalg.lstsq(design / size, moved, rcond=None)[0] / size
         return change[:2]  # the last one moves the contact point
 
 
@@ -152,8 +149,7 @@ class Measured:
         beta = self.beta + errors.at("arc") + setting
         tight, slack, T_0 = self._corrected_tensions(errors, beta)
         T_0 = tension_given(self.given_force, tight, slack, T_0)
-        lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
-        if not lowest > 0.0:
+        if not np.min([tight, slack, beta, T_0]) > 0.0:
             raise InputError(
                 "uncertainty: an error of the load cells or of the arc is as large as a tension or "
                 f"an arc itself (lowest tension {np.min(self.slack):.3g} N, shortest arc "
@@ -168,10 +164,11 @@ class Measured:
             tight=tight,
             slack=slack,
         )
-        change = np.zeros(self.mu.size)
-        for key, columns in self.columns.items():
-            change += columns @ [errors.at(key, place) for place in range(columns.shape[1])]
-        return corrected.scattered(change)
+        changes = (
+            columns @ [errors.at(key, place) for place in range(columns.shape[1])]
+            for key, columns in self.columns.items()
+        )
+        return corrected.scattered(sum(changes, np.zeros(beta.size)))
 
     def scattered(self, change: Array) -> Self:
         """Return the runs with ln mu changed by `change` (n,) and the same force at rest.
@@ -179,14 +176,11 @@ class Measured:
         One tension rises and the other falls; a given tension, or a given sum, stays constant.
         """
         rise = self.mu * self.beta * np.expm1(change)  # of ln(tight/slack)
-        if self.given_force == "hub":
-            total, ratio = self.tight + self.slack, self.tight / self.slack * np.exp(rise)
-            tight, slack = total * ratio / (1.0 + ratio), total / (1.0 + ratio)
-        else:
-            tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
-            tight = self.tight * np.exp(tight_share * rise)
-            slack = self.slack * np.exp((tight_share - 1.0) * rise)
-        return replace(self, tight=tight, slack=slack)
+        tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0, "hub": 0.5}[self.given_force]
+        tight = self.tight * np.exp(tight_share * rise)
+        slack = self.slack * np.exp((tight_share - 1.0) * rise)
+        kept = (self.tight + self.slack) / (tight + slack) if self.given_force == "hub" else 1.0
+        return replace(self, tight=tight * kept, slack=slack * kept)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
         """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
@@ -210,8 +204,8 @@ class Measured:
         )
         at_rest = cell(0, self.T_0), cell(1, self.T_0)
         if not kind.has_torque:
-            one = 0.5 * (at_rest[0] + at_rest[1])
-            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else one
+            mean = 0.5 * (at_rest[0] + at_rest[1])
+            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else mean
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
         if kind.measures == "torque_hub":
@@ -253,15 +247,15 @@ def measured_runs(
 
     n = len(rows)
     arc_deg, f, v, mu = map(known, POSITIVE)
-    errors = own_errors(columns)[rows]
+    errors, beta = own_errors(columns)[rows], np.radians(arc_deg)
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
-    beta = np.radians(arc_deg)
-    log_ratio = mu * beta
-    slack = f * R * log_ratio / np.expm1(log_ratio)
-    tight = slack * np.exp(log_ratio)
-    T_0 = known("initial_tension_N")
+    slack = f * R * (mu * beta) / np.expm1(mu * beta)
+    tight, T_0, spans = (
+        slack * np.exp(mu * beta),
+        known("initial_tension_N"),
+        columns.get("torque_with"),
+    )
     T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
-    spans = columns.get("torque_with")
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
@@ -312,10 +306,9 @@ def numbered_arcs(
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
     """Select the rows whose arc, force, speed and coefficient are positive numbers."""
-    values = {name: np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE}
-    values["slip_speed_m_s"] = np.abs(values["slip_speed_m_s"])
-    good = [np.isfinite(x) & (x > 0.0) for x in values.values()]
-    return np.asarray(rows[np.all(good, axis=0)])
+    values = np.array([columns[name] for name in POSITIVE], dtype=float)[:, rows]
+    values[2] = np.abs(values[2])  # the speed
+    return np.asarray(rows[np.all((values > 0.0) & (values < np.inf), axis=0)])
 
 
 def published_grid(measured: Measured) -> SurfaceGrid:
@@ -376,7 +369,7 @@ def friction_uncertainty(
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
     u = {name: np.full(len(columns["status"]), np.nan) for name in QUANTITIES.values()}
-    lines: list[dict[str, Any]] = []
+    lines = list[dict[str, Any]]()
     if not rows.size:  # a table may state coefficients without an arc
         return u, lines
     measured = measured_runs(columns, rows, R, kind)
@@ -387,10 +380,9 @@ def friction_uncertainty(
         corrected = measured.corrected(errors)
         return np.stack([corrected.mu, corrected.normal_force])
 
-    values = measured.mu, measured.normal_force
-    scatter = measured.mu_se / measured.mu, np.zeros(rows.size)
-    every = zip(QUANTITIES.items(), values, changes_by(sources, of_runs), scatter, strict=True)
-    for (quantity, name), value, change, own in every:
+    values, own_part = (measured.mu, measured.normal_force), measured.mu_se / measured.mu
+    each = values, changes_by(sources, of_runs), (own_part, 0.0 * own_part)
+    for (quantity, name), value, change, own in zip(QUANTITIES.items(), *each, strict=True):
         relative = change / value[:, None]
         u[name][rows] = value * np.hypot(np.linalg.norm(relative, axis=1), own)
         lines += budget(quantity, sources, relative, {"scatter of the samples": own})
@@ -405,13 +397,12 @@ def stiffness_uncertainty(
     Returns columns ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``, and one row per coefficient and
     source.
     """
-    sources = stated_sources(given, (PRESS,))
+    sources, none = stated_sources(given, (PRESS,)), np.zeros((2, 2))
     k = np.array([(law.k_linear_N_m2, law.k_quadratic_N_m3) for law in laws])
-    size, changes = np.where(k > 0.0, k, 1.0), []
+    size = np.where(k > 0.0, k, 1.0)
     scatter = np.array([(law.k_linear_se_N_m2, law.k_quadratic_se_N_m3) for law in laws]) / size
-    for law, of_law in zip(laws, k.tolist(), strict=True):
-        fit = np.zeros((2, 2)), law.max_penetration_m, segment_length_m
-        changes.append(changes_by(sources, PressLaw(NormalLaw(*of_law), *fit).coefficients))
+    fits = [PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws]
+    changes = [changes_by(sources, fit.coefficients) for fit in fits]
     relative = np.array(changes) / size[..., None]
     u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []
     for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):

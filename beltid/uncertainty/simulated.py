@@ -35,9 +35,15 @@ from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
-from beltid.uncertainty.sources import ARC, Errors, Source, budget, changes_by, reduction_sources
-
-Array = NDArray[np.float64]
+from beltid.uncertainty.sources import (
+    ARC,
+    Array,
+    Errors,
+    Source,
+    budget,
+    changes_by,
+    reduction_sources,
+)
 
 INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
+    Array,
     difference_sigma,
     integrated_autocorrelation_time,
     mad_sigma,
@@ -24,8 +25,6 @@ from beltid.identify.estimators import (
     running_median,
     spike_mask,
 )
-
-Array = NDArray[np.float64]
 
 CYCLES = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}
 

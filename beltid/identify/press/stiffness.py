@@ -32,9 +32,7 @@ from beltid.identify.press.recording import (
     read_recording,
 )
 from beltid.laws.penalty import NormalLaw
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size, relinearised
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size, relinearised
 
 Sizes = Mapping[str, float]
 
@@ -338,8 +336,8 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     supported = pooled.misfit < RELEVANT and min(coefficients) > 0.0
     notes += [
         statement,
-        f"The quadratic law is {'' if supported else 'not '}supported: it misses by up to {100 * pooled.misfit:.2g} % of the "
-        "force beyond a tenth of its largest value.",
+        f"The quadratic law is {'' if supported else 'not '}supported: it misses by up to "
+        f"{100 * pooled.misfit:.2g} % of the force beyond a tenth of its largest value.",
         *pooled.notes,
         *recording.notes,
     ]

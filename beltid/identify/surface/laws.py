@@ -16,16 +16,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionLaw
-from beltid.mixed import Mixed, Own, Shared, Size, relinearised
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Shared, Size, relinearised
 
 FORCE_SPREAD = 0.05  # relative; forces in a narrower range do not determine an exponent
 SCAN = 25  # speed scales of the scan for a first guess

@@ -35,9 +35,7 @@ from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.laws.bicubic import bounded_cubic
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Mixed, Own, Shared, Size, root
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Shared, Size, root
 
 SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
