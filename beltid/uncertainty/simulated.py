@@ -138,10 +138,11 @@ class RigRuns:
             if (key := tuple(inputs[i])) not in known:
                 belt, rig = bench.belt._replace(EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
                 of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
-                own = mesh if isinstance(mesh, float) else mesh[i]
-                if isinstance(own, float):
-                    own = 2 * round(0.5 * own * (of_run.model(point).nodes.size - 1))
-                model = of_run.model(point, own)
+                if isinstance(mesh, float):
+                    default = of_run.model(point).nodes.size - 1
+                    model = of_run.model(point, 2 * round(0.5 * mesh * default))
+                else:
+                    model = of_run.model(point, mesh[i])
                 known[key] = model, lay_on(model)
             model, laid = known[key]
             self.models.append(replace(model, point=point))
@@ -149,16 +150,14 @@ class RigRuns:
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed."""
-        runs = []
-        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
-            run = model.with_surface(surfaces[j])
-            runs.append(Sliding(run, slide(run, laid), surfaces[j]))
-        return runs
+        each = [surfaces[j] for j in self.label]
+        runs = [model.with_surface(of) for model, of in zip(self.models, each, strict=True)]
+        return [Sliding(*of) for of in zip(runs, map(slide, runs, self._laid), each, strict=True)]
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
         """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
-        log_mu = np.log([run.mu for run in self.slide(surfaces)])
-        return np.asarray(log_mu + self.off_speed * speed_slope)
+        mu = [run.mu for run in self.slide(surfaces)]
+        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
 
 
 def residual_changes(
@@ -275,8 +274,8 @@ def simulated_uncertainty(
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
-    arc = campaign.measured.arc
-    by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
+    arcs = np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
+    by_arc = {ARC: response[:, None] * arcs}
     measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
