@@ -68,27 +68,24 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     it decays at the same rate as before. The runs are evenly spaced samples in time order (n,),
     not finite where missing. tau is in samples, at least 1 (independent).
     """
-    residuals = []
-    for values in (np.asarray(run, dtype=float).ravel() for run in runs):
-        r = values - np.nanmean(values) if np.isfinite(values).any() else np.zeros(1)
-        if np.nanmax(np.abs(r)) > ROUNDING * np.nanmax(np.abs(values), initial=0.0):
-            residuals.append(r)
+    known = [x for x in (np.ravel(run).astype(float) for run in runs) if np.isfinite(x).any()]
+    limits = [ROUNDING * np.nanmax(np.abs(x)) for x in known]
+    centred = zip((x - np.nanmean(x) for x in known), limits, strict=True)
+    residuals = [r for r, limit in centred if np.nanmax(np.abs(r)) > limit]
     longest = max((r.size for r in residuals), default=0)
     products, pairs = np.zeros(longest), np.zeros(longest)
     for r in residuals:
-        valid = np.isfinite(r)
-        length = 1 << (2 * r.size).bit_length()  # sums of products at every lag, by FFT
+        valid, length = np.isfinite(r), 1 << (2 * r.size).bit_length()
+        # sums of products at every lag, by FFT
         spectra = np.abs(np.fft.rfft([np.where(valid, r, 0.0), valid.astype(float)], length)) ** 2
         lagged = np.fft.irfft(spectra, length)[:, : r.size]
         products[: r.size] += lagged[0]
         pairs[: r.size] += np.round(lagged[1])
     gap = np.flatnonzero(pairs < 0.5)
-    rho = products[: gap[0] if gap.size else longest]
-    pairs = pairs[: rho.size]
-    if rho.size < 2:
+    products, pairs = (x[: gap[0] if gap.size else longest] for x in (products, pairs))
+    if pairs.size < 2:
         return 1.0
-    rho = rho / pairs * (pairs[0] / products[0])
-    n = pairs[0] / len(residuals)
+    rho, n = products / pairs * (pairs[0] / products[0]), pairs[0] / len(residuals)
     tau = before = 1.0
     for _ in range(20):
         corrected = rho + (1.0 - rho) * min(tau / n, 0.5)

@@ -88,8 +88,7 @@ def gross_slip(
         loaded = np.flatnonzero(good & (torque > 0.05 * largest))
         loaded = loaded[np.argsort(torque[loaded], kind="stable")]
         low = loaded[: max(np.count_nonzero(torque[loaded] <= CREEP_SHARE * largest), FEWEST_RUNS)]
-        creep = float(np.median(loss[low] / torque[low])) if low.size >= FEWEST_RUNS else 0.0
-        if creep > 0.0:
+        if low.size >= FEWEST_RUNS and (creep := np.median(loss[low] / torque[low])) > 0.0:
             gross |= rows & (loss > GROSS_OVER_CREEP * creep * torque + SIGNIFICANT * se)
     return usable & gross
 
@@ -141,20 +140,16 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     series = settings_of(np.abs(speed), SAME_SETTING)
     if not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS:
         series = one
-    torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
-    rounding = [
-        rounding_of_mean(
-            [np.std(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in of_runs], step
-        )
-        for of_runs in (runs[DRIVER], runs[DRIVEN])
-    ]
+    finite = ([x[np.isfinite(x)] for x in runs[name]] for name in (DRIVER, DRIVEN))
+    scatters = ([np.std(x) if x.size else 0.0 for x in of_runs] for of_runs in finite)
+    rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
     with np.errstate(divide="ignore", invalid="ignore"):
         quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     ratios, scatter = pooled_means(quotients, series)
     # without torque: below a share of the largest, or within its noise
     size, most = np.abs(torque), np.fmax.reduce(np.abs(torque), initial=0.0)
-    noise = np.fmin(2.0 * torque_se, MOST_NOISE * most)
+    noise = np.fmin(2.0 * pooled_means(runs[TORQUE], series)[1], MOST_NOISE * most)
     idle = (size <= np.fmax(NO_LOAD_SHARE * most, noise)) & np.isfinite(scatter)
     if idle.any():
         coarse = np.hypot(rounding[0], ratios * rounding[1])[idle] / np.abs(driven[idle])
@@ -162,11 +157,9 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         weights /= weights.sum()
         ratio = float(weights @ ratios[idle])
         # errors of rounding may be equal in all runs
-        ratio_se = math.hypot(
-            float(np.linalg.norm(weights * scatter[idle])), float(weights @ coarse)
-        )
-        text = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
-        of_ratio = [text] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
+        ratio_se = float(np.hypot(np.linalg.norm(weights * scatter[idle]), weights @ coarse))
+        about = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
+        of_ratio = [about] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
     else:
         ratio, ratio_se = 1.0, 0.0
         of_ratio = [
@@ -191,9 +184,10 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     if not service.any() or (np.any(status == GAINS) and not np.any(loss[service] > se[service])):
         why = zip(labels[~service], status[~service], strict=True)
         raise InputError([*(f"run {label}: {text}" for label, text in why), *of_ratio])
-    for text in dict.fromkeys(status[~service]):
-        listed = ", ".join(labels[status == text])
-        notes.append(f"{text}: {listed}; ignored for the largest sliding speed")
+    notes += [
+        f"{text}: {', '.join(labels[status == text])}; ignored for the largest sliding speed"
+        for text in dict.fromkeys(status[~service])
+    ]
     v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
     largest = int(np.argmax(np.where(service, v, -np.inf)))
     return SlipResult(
@@ -219,19 +213,15 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
 def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
     """Cut off the samples before the driver reaches its speed and after it stops; note the runs."""
     shortened = []
-    for k, label in enumerate(labels):
+    for k in (k for k, speed in enumerate(runs[DRIVER]) if np.isfinite(speed).any()):
         speed = np.abs(runs[DRIVER][k])
-        finite = np.isfinite(speed)
-        if not finite.any():
-            continue
         # robust to spikes; a quarter of the samples at speed is enough
         turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
         at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
-        part = slice(at_speed[0], at_speed[-1] + 1)
         for values in runs.values():
-            values[k] = values[k][part]
-        if finite[part].sum() < finite.sum():
-            shortened.append(label)
+            values[k] = values[k][at_speed[0] : at_speed[-1] + 1]
+        if np.isfinite(runs[DRIVER][k]).sum() < np.isfinite(speed).sum():
+            shortened.append(labels[k])
     named = ", ".join(shortened)
     return [f"samples before the driver is up to its speed left out: {named}"] if named else []
 
