@@ -228,8 +228,7 @@ class Problem:
         lowest, low, high = acting_forces(rig, start)
         # as many knots as nodes over the surface, and more down to the lowest force
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
-        n_below = math.ceil((inside[0] - np.log(lowest)) / gap)
-        below = inside[0] - gap * np.arange(n_below, 0, -1)
+        below = inside[0] - gap * np.arange(math.ceil((inside[0] - np.log(lowest)) / gap), 0, -1)
         self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface

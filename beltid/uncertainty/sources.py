@@ -168,12 +168,11 @@ def stated_sources(
     for result in results:
         if result == PRESS:
             sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
-        for kind in KINDS:
-            if result in kind.results and (size := u[kind.error]) > 0.0:
-                basis = STATED if kind.error in u.stated else ASSUMED
-                n = kind.places if isinstance(kind.places, int) else counts[kind.places]
-                shared = kind.name, kind.error
-                sources += [Source(*shared, k, size, *kind.unit, basis) for k in range(n)]
+        for kind in (kind for kind in KINDS if result in kind.results and u[kind.error] > 0.0):
+            basis = STATED if kind.error in u.stated else ASSUMED
+            shown = u[kind.error], *kind.unit, basis
+            n = kind.places if isinstance(kind.places, int) else counts[kind.places]
+            sources += [Source(kind.name, kind.error, k, *shown) for k in range(n)]
     return tuple(sources)
 
 
@@ -186,8 +185,8 @@ SLOWER: Final = Source(
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     """Return the sources of the reduction that runs have columns for; each of unit size."""
-    known = (key for key in REDUCTION_SOURCES if key in columns and np.any(columns[key]))
-    return tuple(Source(REDUCTION_SOURCES[key], key) for key in known)
+    named = REDUCTION_SOURCES.items()
+    return tuple(Source(name, key) for key, name in named if np.any(columns.get(key, 0.0)))
 
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
@@ -254,9 +253,8 @@ def factor_of(covariance: Array) -> Array:
     kept = values > 1e-10 * values[-1]
     factor = vectors[:, kept] * np.sqrt(values[kept])
     # the sign of an eigenvector is arbitrary: fix it, so that all machines agree
-    largest = np.argmax(np.abs(factor), axis=0)
-    signs = np.sign(factor[largest, np.arange(factor.shape[1])])
-    return np.ascontiguousarray((factor * signs)[:, ::-1])
+    largest = np.take_along_axis(factor, np.argmax(np.abs(factor), axis=0)[None], axis=0)
+    return np.ascontiguousarray((factor * np.sign(largest))[:, ::-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,22 +284,21 @@ class SurfaceUncertainty:
         mu = self.surface.mu_nodes.ravel()
         rows = self.factor.reshape(mu.size, -1)
         rows = rows if rows.shape[1] else np.zeros((mu.size, 1))
-        u, factor = np.full(n_rows, np.nan), np.full((n_rows, rows.shape[1]), np.nan)
-        u[: mu.size], factor[: mu.size] = mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows
-        return {"mu_u": u, "mu_factor": factor}
+        table = np.column_stack([mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows])
+        table = np.pad(table, ((0, n_rows - mu.size), (0, 0)), constant_values=np.nan)
+        return {"mu_u": table[:, 0], "mu_factor": table[:, 1:]}
 
     def extra(self, force_range: tuple[float, float]) -> dict[str, Any]:
         """Return the sources of the factor's columns, and the budget over a force range [N/m]."""
-        low, high = force_range
-        f = self.surface.normal_force_N_m
+        f, (low, high) = self.surface.normal_force_N_m, force_range
         inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
-        inside = inside if inside.any() else np.ones(f.size, dtype=bool)
+        inside |= not inside.any()
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
         changes = self.changes[inside].reshape(scatter.size, len(self.sources))
-        part = {"scatter of the runs": scatter}
         stored = {
             "sources": [asdict(source) for source in self.sources],
             "arcs_deg": self.arcs_deg,
             "budget_force_N_m": [low, high],
         }
-        return {"uncertainty": stored, "budget": budget("surface", self.sources, changes, part)}
+        lines = budget("surface", self.sources, changes, {"scatter of the runs": scatter})
+        return {"uncertainty": stored, "budget": lines}

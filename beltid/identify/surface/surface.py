@@ -20,6 +20,7 @@ Runs that are no grid have one smooth surface (P-splines over ln f, ln v): docs/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -93,8 +94,8 @@ class Curve:
 
     def at(self, force: Array) -> Array:
         """Evaluate mu [-] at forces [N/m], nan outside the points."""
-        clipped = np.clip(force, self.f[0], self.f[-1])
-        mu = np.exp(bounded_cubic(np.log(self.f), np.log(self.mu), np.log(clipped)))
+        log_force = np.log(np.clip(force, self.f[0], self.f[-1]))
+        mu = np.exp(bounded_cubic(np.log(self.f), np.log(self.mu), log_force))
         return np.where(self.covers(force), mu, np.nan)
 
     def covariance(self, force: Array) -> Array:
@@ -227,9 +228,8 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     factor = np.concatenate([factor, between[..., None]], axis=-1)
     several, speeds = len(rows[0]) > 1, np.array([row[0].speed for row in rows])
     mu_se = mean * (np.hypot(own, between) if errors_known or several else np.nan)
-    arc_deg = np.nan if several else rows[0][0].arc_deg
     factor = factor[..., np.any(factor, axis=(0, 1))]
-    return SurfaceGrid(arc_deg, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
+    return SurfaceGrid(np.nan, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
 
 
 def _force_nodes(rows: Rows, force: Range) -> Array:
@@ -311,17 +311,16 @@ class SurfaceResult:
     @property
     def rms_arc_spread(self) -> float:
         """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
-        relative = self.average.mu_spread / self.average.mu
-        finite = relative[np.isfinite(relative)]
-        return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+        squares = np.square(self.average.mu_spread / self.average.mu)
+        known = squares[np.isfinite(squares)]
+        return math.sqrt(np.mean(known)) if known.size else math.nan
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
         parts = []
-        for k, g in enumerate((self.average, *self.arcs)):
+        for g in (self.average, *self.arcs):
+            arc = np.full(g.mu.shape, g.arc_deg)
             nodes = np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij")
-            # nan marks the average, even with a single arc
-            arc = np.full(g.mu.shape, g.arc_deg if k else np.nan)
             parts.append([arc, *nodes, g.mu, g.mu_se, g.n_arcs, g.mu_spread])
         columns = (np.concatenate([x.ravel() for x in of]) for of in zip(*parts, strict=True))
         return dict(zip(COLUMNS, columns, strict=True))
@@ -366,11 +365,10 @@ def build_surface(
     grid, rows, of_grid = surface_through(points, bool(known.any()))
     notes, arcs = notes + of_grid, list[SurfaceGrid]()
     for of_arc in zip(*rows, strict=True):
-        curves = [[curve] for curve in of_arc]
+        curves, arc = [[curve] for curve in of_arc], of_arc[0].arc_deg
         if force := _common_range(curves):
-            arcs.append(average(curves, force, bool(known.any()))[0])
+            arcs.append(replace(average(curves, force, bool(known.any()))[0], arc_deg=arc))
         else:
-            arc = of_arc[0].arc_deg
             notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
@@ -396,9 +394,8 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 
     Raises `InputError` if a column or the average is missing, or its rows form no complete grid.
     """
-    missing = [f"surface: column {name} is missing" for name in COLUMNS[:4] if name not in columns]
-    if missing:
-        raise InputError(missing)
+    if missing := [name for name in COLUMNS[:4] if name not in columns]:
+        raise InputError([f"surface: column {name} is missing" for name in missing])
     rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
     if not rows.any():
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
