@@ -133,7 +133,8 @@ def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
         )
     terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])[known]
     variances, _ = nnls(terms / squares[known, None], np.ones(len(terms)))
-    return NoiseLaw(*np.sqrt(variances).tolist(), scale)
+    friction, tension = np.sqrt(variances).tolist()
+    return NoiseLaw(friction, tension, scale)
 
 
 def _tension_share(measured: Measured) -> Array:

@@ -43,6 +43,7 @@ from beltid.uncertainty.sources import (
     budget,
     changes_by,
     reduction_sources,
+    with_sources,
 )
 
 INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
@@ -356,19 +357,16 @@ def validated(
         uncertainty = RunsUncertainty((), tuple(labels), *arrays)
     rows = [uncertainty.runs.index(label) for label in labels]
     # if the surface was built from these runs, an error of their reduction changes both
-    present = {source.error for source in uncertainty.sources}
-    added = [source for source in reduction_sources(shared) if source.error not in present]
-    sources = (*uncertainty.sources, *added)
-    difference = np.hstack([uncertainty.difference[rows], np.zeros((mu.size, len(added)))])
+    sources = with_sources(uncertainty.sources, reduction_sources(shared))
+    difference = np.zeros((mu.size, len(sources)))
+    difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
     for k, source in enumerate(sources):
         difference[:, k] -= shared.get(source.error, none)
-    missed = none
-    for slope, names in zip(uncertainty.by_setting[rows].T, SETTINGS, strict=True):
-        actual = np.abs(column(measured, names[0], of_measured))
-        nominal = np.abs(column(simulated, names[1], of_simulated))
-        both_known = (actual > 0.0) & (nominal > 0.0)
-        ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
-        missed = missed + slope * np.log(ratio)
+    actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
+    nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
+    known = (actual > 0.0) & (nominal > 0.0)
+    ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
+    missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
     of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
     parts = {
         "scatter of the measured runs": of_runs,
@@ -378,11 +376,11 @@ def validated(
     }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
     u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
-    result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
+    result, scale = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
     columns = {
         "u_measured": whole * mu,
-        "u_input": u_input * known,
-        "u_numerical": numerical * known,
+        "u_input": u_input * scale,
+        "u_numerical": numerical * scale,
         "u_validation": u_validation * mu,
         "e_over_u": result.error_over_uncertainty,
     }
