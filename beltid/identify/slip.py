@@ -170,15 +170,14 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     loss, se = pooled_means(losses, series)
     se = np.sqrt(se**2 + rounding[0] ** 2 + (ratio * rounding[1]) ** 2 + (ratio_se * driven) ** 2)
     n = np.array([np.isfinite(x).sum() for x in losses])
-    status = np.full(n.size, OK, dtype=object)
-    for is_so, reason in (  # the last one that holds is stated
-        (loss < -SIGNIFICANT * se, GAINS),
-        (speed < 0.0, BACKWARDS),
-        (driven * np.sign(speed) < -STANDS * np.abs(speed), "the pulleys turn in opposite ways"),
-        (speed == 0.0, "the driver does not turn"),
-        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
-    ):
-        status[is_so] = reason
+    reasons = {  # the first one that holds is stated
+        f"fewer than {MIN_SAMPLES} usable samples": n < MIN_SAMPLES,
+        "the driver does not turn": speed == 0.0,
+        "the pulleys turn in opposite ways": driven * np.sign(speed) < -STANDS * np.abs(speed),
+        BACKWARDS: speed < 0.0,
+        GAINS: loss < -SIGNIFICANT * se,
+    }
+    status = np.select([*reasons.values()], [*reasons], OK).astype(object)
     status[gross_slip(speed, tension, np.abs(torque), loss, se, status == OK)] = GROSS_SLIP
     service = status == OK
     if not service.any() or (np.any(status == GAINS) and not np.any(loss[service] > se[service])):

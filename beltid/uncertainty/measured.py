@@ -17,7 +17,7 @@ from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
-from beltid.identify.surface.surface import Points, SurfaceGrid, surface_through
+from beltid.identify.surface.surface import ARC_GAP, Points, SurfaceGrid, surface_through
 from beltid.laws.capstan import (
     friction_coefficient,
     hub_force,
@@ -64,9 +64,9 @@ class PressLaw:
         Force and segment length scale both of Eq. (3), a gain of the travel divides them by
         (1 + e) and (1 + e)².
         """
-        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
-        k = k + root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
-        k = k + self._per_compliance() * errors.at("machine_compliance")
+        scatter = root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
+        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3]) + scatter
+        k += self._per_compliance() * errors.at("machine_compliance")
         force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
         travel = (1.0 + errors.at("press_displacement")) ** np.array([1.0, 2.0])
         corrected = k * (force / (1.0 + errors.at("segment_length"))) / travel
@@ -89,7 +89,6 @@ class PressLaw:
 
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,8 +205,8 @@ class Measured:
         if not kind.has_torque:
             mean = 0.5 * (at_rest[0] + at_rest[1])
             return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else mean
-        M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
-        M = M - errors.at("bearing_drag")
+        measured = (self.tight - self.slack) * self.R
+        M = measured * (1.0 + errors.at("torque_gain")) - errors.at("bearing_drag")
         if kind.measures == "torque_hub":
             spans = replace(
                 kind.spans,
