@@ -114,8 +114,8 @@ class _Scaled:
         self.f = _padded([c.middle_N_m / top for c in curves])
         self.turn = _padded([c.turn_N_m / top for c in curves])  # what a reversal may add
         self.zero = np.array([[c.zero_u_N_m / top] for c in curves])  # uncertainties (R, 1)
-        warmer = [[c.temperature_degC - reference_degC] for c in curves]
-        self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
+        warmer = np.array([[c.temperature_degC - reference_degC] for c in curves])
+        self.warmer = PER_KELVIN * np.nan_to_num(warmer)  # (T - T_ref)/50 K, (R, 1)
         noise = np.median([difference_sigma(c.middle_N_m, 3) for c in curves]) / top
         self.noise = Size(max(float(noise), ROUNDING), 0.7, 0.3)  # of a node
         self.unloads = curves[0].unloads
@@ -156,8 +156,10 @@ class _Scaled:
         used, s = self.used, y0 / np.max(y0 * self.used)
         _, F, columns = self.design(q[:2], q[2:])
         fixed = np.diag(np.pad(1.0 * self.held, (0, q.size - 2)))  # what has no column, at zero
-        shared = [Shared("law", columns, precision=fixed)]
-        shared.append(Shared("misfit", misfit, size["misfit"]))
+        shared = [
+            Shared("law", columns, precision=fixed),
+            Shared("misfit", misfit, size["misfit"]),
+        ]
         if np.any(self.warmer):
             shared.append(Shared("temperature", F * self.warmer * used, size["temperature"]))
         if not self.unloads:
@@ -218,10 +220,9 @@ def fit_law(
     covariance = posterior.covariance[:2, :2] * np.outer(free, free)
     if data.held.any():
         covariance[data.held, data.held] = _se_of_held(data, k, p, posterior) ** 2
-    slope, slope_se = 0.0, 0.0
-    if "temperature" in posterior.sizes:
-        mean, variance = posterior.of("temperature")
-        slope, slope_se = PER_KELVIN * float(mean[0]), PER_KELVIN * math.sqrt(variance[0, 0])
+    none = np.zeros(1), np.zeros(1)
+    warming = posterior.of("temperature") if np.any(data.warmer) else none
+    slope, variance = (float(x.item()) for x in warming)
     white = posterior.sizes["noise"] ** 2
     share = white / (white + posterior.sizes["correlated"] ** 2 / CORRELATION / data.x.shape[1])
     law = NormalLaw(*(k * unit).tolist())
@@ -242,7 +243,7 @@ def fit_law(
         k_linear_N_m2=law.k_linear_N_m2,
         k_quadratic_N_m3=law.k_quadratic_N_m3,
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
-        temperature_slope=(slope, slope_se),
+        temperature_slope=(PER_KELVIN * slope, PER_KELVIN * math.sqrt(variance)),
         sizes=posterior.sizes,
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
