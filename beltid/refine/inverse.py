@@ -99,17 +99,17 @@ def refine_surface(
     simulated, or if the iteration does not converge.
     """
     measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
-    rig, fits = RigRuns(campaign, speeds, MESH), list[Fit]()
+    rig, fits = RigRuns(campaign, speeds, MESH), list[Problem]()
     for _ in range(2):  # the second time with the knots where forces act with the first solution
-        problem = Problem(rig, start, measured, reference_degC)
-        fits.append(problem.solved(start))
-        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
+        fits.append(Problem(rig, start, measured, reference_degC))
+        fits[-1].solve()
+        start = fits[-1].tabulated()
     first, fit = fits
-    curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
-    parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
+    curves, posterior, runs, q = fit.curves, fit.posterior, fit.runs, fit.at.size
+    parameters, changes = curves.B @ fit.at, np.zeros((n, len(sources)))
     told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
-        at = curves.surfaces(parameters), rig.speeds, fit.sweep.speed_slope
+        at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
         runs = replace(runs, shared=-changes)
         mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
@@ -137,10 +137,10 @@ def refine_surface(
             f"no convergence in {iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
-    at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
-    scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
+    at_nodes = curves.at_nodes(fit.forces, curves.B @ shared)
+    scatter = curves.at_nodes(fit.forces, factor_of(curves.B @ own @ curves.B.T))
     of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
-    surface = problem.tabulated(parameters, np.linalg.norm(of_fit, axis=-1))
+    surface = fit.tabulated(np.linalg.norm(of_fit, axis=-1))
     return RefinedSurface(
         surface=surface,
         uncertainty=SurfaceUncertainty(
@@ -159,8 +159,8 @@ def refine_surface(
         posterior=posterior,
         covariance=posterior.covariance + by_errors @ by_errors.T,
         weight=fit.weight,
-        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
-        misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
+        misfit_before=first.misfit_before,
+        misfit_after=np.expm1(fit.done.log_mu - fit.log_mu),
         iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
         effective_parameters=float(np.sum(gain * posterior.model.X[:, 0].T)),
@@ -205,22 +205,13 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     return float(lowest.min()), float(low.min()), float(peak.max())
 
 
-class Fit(NamedTuple):
-    """End of the iteration: coordinates after the last step, model and weights used for it."""
-
-    coordinates: Array
-    sweep: Sweep
-    runs: LinearRuns
-    posterior: Posterior
-    weight: Array  # of the runs: 1, less for outliers, (n,)
-    log_mu_before: Array
-    iterations: int
-    still_changing: float
-    """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
-
-
 class Problem:
-    """The runs on the simulated rig and their measured values; knots where forces act."""
+    """The runs on the simulated rig and their measured values; knots where forces act.
+
+    After :meth:`solve`: the coordinates `at`, the runs `done` with them, the last linear model
+    `runs` with its `posterior` and the `weight` of each run (1, less for outliers), the number of
+    `iterations`, and `still_changing`, the last change of ln mu without convergence, else 0.
+    """
 
     def __init__(
         self, rig: RigRuns, start: FrictionSurface, measured: Measured, reference_degC: float | None
@@ -234,37 +225,42 @@ class Problem:
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
         self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
+        log_mu = np.log(start.mu(np.exp(self.curves.log_force), rig.speeds[:, None]))
+        self.at = np.linalg.solve(self.curves.B, log_mu.ravel())
+        self.done = sweep(rig, self.curves, self.curves.B @ self.at)
+        self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 
-    def tabulated(self, parameters: Array, relative: Array | None = None) -> FrictionSurface:
+    def tabulated(self, relative: Array | None = None) -> FrictionSurface:
         """Tabulate the curves at the nodes, with relative standard errors if they are known."""
+        parameters = self.curves.B @ self.at
         mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
         se = None if relative is None else mu * relative
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
-    def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
-        """Linearise the data about simulated runs, of sensitivity `response` to effects (n,)."""
+    def linearised(self, weight: Array, response: Array) -> LinearRuns:
+        """Linearise the data about the simulated runs; `response` (n,) is theirs to effects."""
         effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
-        y = self.log_mu - done.log_mu + done.J @ (self.curves.B @ at)
-        parts = {name: done.J @ columns for name, columns in self.curves.parts.items()}
+        y = self.log_mu - self.done.log_mu + self.done.J @ (self.curves.B @ self.at)
+        parts = {name: self.done.J @ columns for name, columns in self.curves.parts.items()}
         return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
 
-    def solved(self, start: FrictionSurface) -> Fit:
+    def solve(self) -> None:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
-        log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
-        at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
-        done = sweep(self.rig, self.curves, self.curves.B @ at)
-        before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
+        residual, sizes = np.zeros(self.log_mu.size), dict[str, float]()
         for iteration in range(1, MOST_ITERATIONS + 1):
             if chosen := iteration <= CHOICES:
-                weight, response = _weights(residual), done.J.sum(axis=1)
-            runs = self.linearised(done, at, weight, response)
+                # outliers, judged by the median misfit, lose weight
+                scale = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCALE)
+                self.weight = np.square(OUTLIER / np.maximum(np.abs(residual) / scale, OUTLIER))
+                response = self.done.J.sum(axis=1)
+            runs = self.linearised(self.weight, response)
             if chosen:
                 posterior = runs.choose(sizes)
             else:
                 posterior = replace(runs.model().at(sizes), converged=posterior.converged)
             sizes = posterior.sizes
-            residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-            share, at, done, change, gain = self._descend(at, done, runs, posterior)
+            residual = posterior.residual[:, 0] / np.sqrt(self.weight * runs.variance(sizes))
+            share, change, gain = self._descend(runs, posterior)
             settled = share == 0.0 and gain <= NOTHING
             if settled or (share == 0.0 and iteration >= CHOICES):
                 break
@@ -273,24 +269,22 @@ class Problem:
                 f"refined surface: no convergence in {iteration} iterations (last change of mu "
                 f"{100 * change:.2g} %)",
             )
-        left = 0.0 if settled else change
-        return Fit(at, done, runs, posterior, weight, before, iteration, left)
+        self.runs, self.posterior, self.iterations = runs, posterior, iteration
+        self.still_changing = 0.0 if settled else change
 
-    def _descend(
-        self, at: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
-    ) -> tuple[float, Array, Sweep, float, float]:
+    def _descend(self, runs: LinearRuns, posterior: Posterior) -> tuple[float, float, float]:
         """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
 
-        Returned are it, where it leads, and of the whole step the largest change of ln mu of a run
-        and the decrease of the misfit; knots that carry no load may drift.
+        Returned are it and, of the whole step, the largest change of ln mu of a run and the
+        decrease of the misfit; knots that carry no load may drift.
         """
-        step, sizes = posterior.mean[: at.size] - at, posterior.sizes
-        effect = runs.X @ step
-        change = float(np.max(np.abs(effect)))
+        at, sizes = self.at, posterior.sizes
+        step = posterior.mean[: at.size] - at
+        change = float(np.max(np.abs(runs.X @ step)))
         if change <= TOLERANCE:
-            return 0.0, at, done, change, 0.0
-        gain = runs.misfit(effect, step, sizes)
-        initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
+            return 0.0, change, 0.0
+        gain = runs.misfit(runs.X @ step, step, sizes)
+        initial = runs.misfit(self.log_mu - self.done.log_mu, at, sizes)
         shares = min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS)
         for share, trial in zip(shares.tolist(), at + shares[:, None] * step, strict=True):
             try:
@@ -301,14 +295,9 @@ class Problem:
                 continue
             misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
             if misfit <= initial - share * 2.0 * DECREASE * gain:
-                return share, trial, simulated, change, gain
-        return 0.0, at, done, change, gain
-
-
-def _weights(misfit: Array) -> Array:
-    """Compute weights that are smaller for outliers, judged by the median misfit."""
-    scale = max(1.4826 * float(np.median(np.abs(misfit))), LEAST_SCALE)
-    return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
+                self.at, self.done = trial, simulated
+                return share, change, gain
+        return 0.0, change, gain
 
 
 CLEAR: Final = 3.0  # standard errors beyond which an effect is significant

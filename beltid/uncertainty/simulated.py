@@ -268,10 +268,15 @@ def simulated_uncertainty(
     rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
     runs = rig.slide(surfaces)
     by_surface, scatter, speed_slope, response = np.zeros((n, len(sources))), *np.zeros((3, n))
+    shared = len(surface.sources)
     for i, run in enumerate(runs):
         v, (force, weight) = float(speeds[rig.label[i]]), run.look_ups()
-        shared, scatter[i] = _of_surface(surface, force, v, weight)
-        by_surface[i, : shared.size] = shared
+        if surface.factor is None:
+            relative = surface.mu_se_at(force, v) / surface.mu(force, v)
+            scatter[i] = np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0)
+        else:
+            columns = weight @ surface.factor_at(force, v)
+            by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
@@ -295,18 +300,6 @@ def simulated_uncertainty(
         by_setting=np.column_stack([slopes[:, INPUTS.index("initial tension")], speed_slope]),
         mu=mu,
     )
-
-
-def _of_surface(
-    surface: FrictionSurface, force: Array, speed: float, weight: Array
-) -> tuple[Array, float]:
-    """Return the change of ln mu of a run by each source of its surface, and by scatter."""
-    if surface.factor is not None:
-        columns = weight @ surface.factor_at(force, speed)
-        shared = len(surface.sources)
-        return columns[:shared], float(np.linalg.norm(columns[shared:]))
-    relative = surface.mu_se_at(force, speed) / surface.mu(force, speed)
-    return np.zeros(0), float(np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0))
 
 
 WITHIN: Final = 2.0
@@ -376,18 +369,20 @@ def validated(
     }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
     u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
-    result, scale = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
+    known_u = np.where(u_validation > 0.0, u_validation, np.nan)
+    e_over_u = result.columns["relative_difference"] / known_u
+    result = replace(result, rms_over_u=float(np.sqrt(np.mean(np.square(e_over_u)))))
     columns = {
         "u_measured": whole * mu,
-        "u_input": u_input * scale,
-        "u_numerical": numerical * scale,
+        "u_input": u_input * (mu if is_known else np.nan),
+        "u_numerical": numerical * (mu if is_known else np.nan),
         "u_validation": u_validation * mu,
-        "e_over_u": result.error_over_uncertainty,
+        "e_over_u": e_over_u,
     }
     facts = {
         "n": int(mu.size),
-        "within_2u": int(np.count_nonzero(np.abs(columns["e_over_u"]) <= WITHIN)),
-        "rms_e_over_u": rms if np.isfinite(rms := result.rms_error_over_uncertainty) else None,
+        "within_2u": int(np.count_nonzero(np.abs(e_over_u) <= WITHIN)),
+        "rms_e_over_u": result.rms_over_u if np.isfinite(result.rms_over_u) else None,
         "inputs_known": is_known,
     }
     lines = budget("difference", sources, difference, parts)

@@ -216,7 +216,10 @@ def fit_law(
             raise FitError("the force falls with penetration, must rise")
         k, p, posterior = _mode(data, np.where(data.held, 0.0, start), contact, known or {})
     unit, free = data.top / data.span ** np.array([1.0, 2.0]), ~data.held
-    misfit = _misfit(data, posterior, data.design(k, p)[1])
+    place, F = posterior.model.places["misfit"], data.design(k, p)[1]
+    off = np.abs(posterior.model.X[..., place] @ posterior.mean[place])
+    high = (LEAST_FORCE * np.max(F * data.used) <= F) & (data.used > 0.0)
+    misfit = float(np.max(off[high] / F[high]))
     covariance = posterior.covariance[:2, :2] * np.outer(free, free)
     if data.held.any():
         covariance[data.held, data.held] = _se_of_held(data, k, p, posterior) ** 2
@@ -237,7 +240,8 @@ def fit_law(
     loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
     depth = float(np.max([c.top_position_m for c in curves] - contact))
     top = max(c.top_force_N_m for c in curves)
-    notes, warnings = _findings(data, misfit, _held_note(data, k, p), posterior.sizes["segment"])
+    held, segment = _held_note(data, k, p), posterior.sizes["segment"]
+    notes, warnings = _findings(depth, top, data.unloads, misfit, held, segment)
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
@@ -256,7 +260,7 @@ def fit_law(
         contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
         misfit=misfit,
         notes=notes,
-        warnings=(*_other_units(depth, top), *warnings),
+        warnings=warnings,
     )
 
 
@@ -266,14 +270,6 @@ def _mode(data: _Scaled, k: Array, p: Array, known: Sizes) -> tuple[Array, Array
     misfit = data.misfit(y, columns)
     q, posterior = relinearised(lambda q: data.model(q, known, y, misfit), np.append(k, p))
     return q[:2], q[2:], posterior
-
-
-def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
-    """Return the largest misfit of the law over the force, above a tenth of the largest."""
-    place = posterior.model.places["misfit"]
-    b = np.abs(posterior.model.X[..., place] @ posterior.mean[place])
-    high = (LEAST_FORCE * np.max(F * data.used) <= F) & (data.used > 0.0)
-    return float(np.max(b[high] / F[high]))
 
 
 def _se_of_held(data: _Scaled, k: Array, p: Array, posterior: Posterior) -> float:
@@ -373,9 +369,12 @@ def _temperature_effect(
     )
 
 
-def _other_units(depth: float, top: float) -> list[str]:
-    """Return warnings: a penetration [m] or a line force [N/m] that no belt under a press has."""
-    return [
+def _findings(
+    depth: float, top: float, unloads: bool, misfit: float, held: str, segment: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and warnings of a law up to a penetration [m] and a line force [N/m]."""
+    notes, included = list[str](), "included in the standard errors"
+    warnings = [
         f"the belt {verb} by {found:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
         f"{name} in another unit, or press.segment_length_cm wrong?"
         for name, verb, found, (low, high), unit in (
@@ -384,16 +383,9 @@ def _other_units(depth: float, top: float) -> list[str]:
         )
         if not low <= found <= high
     ]
-
-
-def _findings(
-    data: _Scaled, misfit: float, held: str, segment: float
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return notes and warnings: a poor law, no unloading, a coefficient at zero, scatter."""
-    notes, warnings, included = list[str](), list[str](), "included in the standard errors"
     if misfit >= RELEVANT:
         warnings.append(f"the law misses by up to {100 * misfit:.2g} % of the force; {included}")
-    if not data.unloads:
+    if not unloads:
         warnings.append(
             "never unloaded: the law is that of the loading branch, which lies above the middle of "
             f"the branches; half of a loop of 20 % is {included}"

@@ -207,7 +207,14 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     nodes, notes = _force_nodes(rows, force), list[str]()
     if nodes.size == 1:  # one tension
         rows = [[replace(curve, f=nodes) for curve in row] for row in rows]
-    mu, filled = (x.transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
+    # an arc is continued from its last point
+    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
+    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
+    values = np.array([[curve.at(path) for curve in row] for row in rows])
+    mu, filled = (
+        of[..., np.isin(path, nodes)].transpose(1, 2, 0)
+        for of in (values, np.array([_continued(of_speed) for of_speed in values]))
+    )
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
     unlimited = np.nanmean(filled, axis=0)
@@ -243,15 +250,6 @@ def _force_nodes(rows: Rows, force: Range) -> Array:
     # the ends of the range replace the outermost centres
     inner = [x for x in centres[1:-1] if first + gap < x < last - gap]
     return np.array([force[0], *np.exp(inner), force[1]])
-
-
-def _on_nodes(rows: Rows, nodes: Array) -> tuple[Array, Array]:
-    """Return measured and continued values at the nodes, (nv, na, nf) each."""
-    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
-    # an arc is continued from its last point
-    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
-    values, on_node = np.array([[c.at(path) for c in row] for row in rows]), np.isin(path, nodes)
-    return values[..., on_node], np.array([_continued(of) for of in values])[..., on_node]
 
 
 def _continued(values: Array) -> Array:
