@@ -112,10 +112,9 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
 
 def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     """Replace each measured value by the median of its setting; nan stays nan."""
-    snapped, finite = np.full(values.shape, np.nan), np.isfinite(values)
-    known = values[finite]
-    labels = settings_of(known, gap)
-    snapped[finite] = [np.median(known[labels == k]) for k in labels]
+    snapped, finite = values + np.nan, np.isfinite(values)
+    labels = settings_of(values[finite], gap)
+    snapped[finite] = [np.median(values[finite][labels == k]) for k in labels]
     return snapped
 
 
@@ -182,8 +181,8 @@ def _grid(levels: Array) -> float:
     smallest, above = float(np.min(np.diff(levels))), levels - levels[0]
     if above[-1] > 1e6 * smallest:
         return 0.0
-    for part in (1, 2, 3):  # with few levels the smallest gap may span several steps
-        step = smallest / part
+    # with few levels the smallest gap may span several steps
+    for step in (smallest, smallest / 2.0, smallest / 3.0):
         for _ in range(2):  # levels are rounded: the full range gives a better step than one gap
             count = np.rint(above / step)
             step = float(count @ above / (count @ count))
@@ -242,13 +241,11 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     spectrum (red noise is no line). The residuals (n, m) at t [s], in units of their noise, are
     orthogonal to the orthonormal columns already fitted (n, p).
     """
-    n = t.size
-    duration = float(t[-1] - t[0])
+    n, duration = t.size, float(t[-1] - t[0])
     if n < 24 or duration <= 0.0:
         return None
-    grid = np.linspace(t[0], t[-1], n)
     length = 2 * (1 << (n - 1).bit_length())
-    even = np.array([np.interp(grid, t, column) for column in residuals.T])
+    even = [np.interp(np.linspace(t[0], t[-1], n), t, column) for column in residuals.T]
     power = np.sum(np.abs(np.fft.rfft(even, length)) ** 2, axis=0) / n
     frequency = np.fft.rfftfreq(length, duration / (n - 1))
     first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])

@@ -226,7 +226,7 @@ class Problem:
         self.log_mu = np.log(measured.mu)
         self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), rig.speeds[:, None]))
-        self.at = np.linalg.solve(self.curves.B, log_mu.ravel())
+        self.at: Array = np.linalg.solve(self.curves.B, log_mu.ravel())
         self.done = sweep(rig, self.curves, self.curves.B @ self.at)
         self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 

@@ -196,11 +196,10 @@ class LinearRuns:
 
     def _best(self, start: Sizes) -> Posterior:
         """Fit from a start or, without one, from the medians and from each effect large in turn."""
-        model, effects = self.model(), [effect.key for effect in self.effects]
-        starts = [start]
-        if not start and len(effects) > 1:
-            starts += [{**dict.fromkeys(effects, SMALL), name: LARGE} for name in effects]
-        return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
+        small = {effect.key: SMALL for effect in self.effects}
+        others = [{**small, name: LARGE} for name in small] if not start and len(small) > 1 else []
+        fits = map(self.model().fit, [start, *others])
+        return max(fits, key=lambda fit: fit.log_evidence)
 
     def log_evidence_for(self, *keys: str) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
@@ -208,8 +207,8 @@ class LinearRuns:
         All sizes are chosen again without them, as others may explain the same.
         """
         others = tuple(effect for effect in self.effects if effect.key not in keys)
-        with_them, without = (runs._best({}) for runs in (self, replace(self, effects=others)))
-        return with_them.log_evidence - without.log_evidence
+        without = replace(self, effects=others)._best({})
+        return self._best({}).log_evidence - without.log_evidence
 
     def variance(self, sizes: Sizes) -> Array:
         """Return the noise variance of each run (n,)."""

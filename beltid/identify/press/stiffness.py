@@ -67,7 +67,9 @@ class LawEstimate:
     temperature_degC: float | None  # mean of the tests; None for the pooled law
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
-    covariance: tuple[float, float, float, float]  # of both coefficients, row by row
+    k_linear_se_N_m2: float  # their standard errors
+    k_quadratic_se_N_m3: float
+    covariance: tuple[float, ...]  # of both coefficients, row by row
     temperature_slope: tuple[float, float]  # relative change of the force per K, standard error
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
@@ -82,16 +84,6 @@ class LawEstimate:
     misfit: float  # largest misfit of the law over the force, from a tenth of it on
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
-
-    @property
-    def k_linear_se_N_m2(self) -> float:
-        """Standard error of k_linear [N/m²]."""
-        return math.sqrt(self.covariance[0])
-
-    @property
-    def k_quadratic_se_N_m3(self) -> float:
-        """Standard error of k_quadratic [N/m³]."""
-        return math.sqrt(self.covariance[3])
 
     @property
     def law(self) -> NormalLaw:
@@ -246,7 +238,9 @@ def fit_law(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
         k_quadratic_N_m3=law.k_quadratic_N_m3,
-        covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
+        k_linear_se_N_m2=math.sqrt(covariance[0, 0]),
+        k_quadratic_se_N_m3=math.sqrt(covariance[1, 1]),
+        covariance=tuple(covariance.ravel().tolist()),
         temperature_slope=(PER_KELVIN * slope, PER_KELVIN * math.sqrt(variance)),
         sizes=posterior.sizes,
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
