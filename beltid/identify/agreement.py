@@ -153,10 +153,8 @@ def compare_points(
     named = [(f"arc {real['arc_deg'][mask].mean():g}°", mask) for mask in of_arcs]
     thirds = [(f"{word} third of the force", g) for word, g in zip(THIRDS, parts, strict=True)]
     means = (averaged[name] for name in ("relative_difference", "normal_force_N_m"))
-    overall, n_usable = (
-        statistics("all points", relative, force),
-        int(np.sum(tables[0]["reason"] == "")),
-    )
+    overall = statistics("all points", relative, force)
+    n_usable = int(np.sum(tables[0]["reason"] == ""))
     found = {name: 0.01 * overall[f"{figure}_percent"] for name, figure in FIGURES.items()}
     found[SHARE_COMPARED] = relative.size / n_usable
     return AgreementResult(
@@ -197,10 +195,10 @@ def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
     run = np.array([str(label) for label in np.ravel(columns["run"])], dtype=object)
     values = {name: np.asarray(columns[name], dtype=float) for name in NUMBERS}
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
-    reason = np.asarray(columns.get("status", np.full(run.size, OK)), dtype=object).copy()
+    reason = np.array(columns.get("status", np.full(run.size, OK)), dtype=object)
     for k, status in enumerate(reason):
-        invalid = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
-        against = f"{' and '.join(invalid)} not a number > 0" if invalid else ""
+        invalid = " and ".join(name for name, x in values.items() if not 0.0 < x[k] < np.inf)
+        against = f"{invalid} not a number > 0" if invalid else ""
         reason[k] = against if status == OK else str(status) or "status is empty"
     return {"run": run, **values, "reason": reason}
 
@@ -215,20 +213,21 @@ def _match(
     fits = near & (measured["reason"] == "")[:, None] & (simulated["reason"] == "")
     named_alike = np.equal.outer(measured["run"], simulated["run"])
     order = np.where(fits, np.where(named_alike, -1.0, off["pulley_speed_rad_s"]), np.inf)
-    has_partner, left_out = fits.any(axis=1), list[tuple[str, str]]()
-    for k in np.flatnonzero(~has_partner):
-        reasons = ["no simulated run with these settings"]
-        reasons[:0] = [f"simulated: {reason}" for reason in simulated["reason"][near[k]]]
-        text = f"measured: {measured['reason'][k]}" if measured["reason"][k] else reasons[0]
-        left_out.append((f"measured {measured['run'][k]}", text))
+    left_out = list[tuple[str, str]]()
+    for k in np.flatnonzero(~fits.any(axis=1)):
+        of_measured = [f"measured: {why}" for why in measured["reason"][[k]] if why]
+        of_simulated = [f"simulated: {why}" for why in simulated["reason"][near[k]]]
+        why, *_ = *of_measured, *of_simulated, "no simulated run with these settings"
+        left_out.append((f"measured {measured['run'][k]}", why))
     # a simulated run whose measured one is unusable is not listed: that run is
-    for j in np.flatnonzero(~near.any(axis=0)):
-        reason = simulated["reason"][j]
-        text = f"simulated: {reason}" if reason else "no measured run with these settings"
-        left_out.append((f"simulated {simulated['run'][j]}", text))
-    rows = np.flatnonzero(has_partner)
-    partners = [np.argmin(order[k]) for k in rows]
-    return rows, np.array(partners, dtype=np.intp), tuple(left_out)
+    alone = ~near.any(axis=0)
+    left_out += [
+        (f"simulated {run}", f"simulated: {why}" if why else "no measured run with these settings")
+        for run, why in zip(simulated["run"][alone], simulated["reason"][alone], strict=True)
+    ]
+    rows = np.flatnonzero(fits.any(axis=1))
+    partners = np.array([np.argmin(order[k]) for k in rows], dtype=np.intp)
+    return rows, partners, tuple(left_out)
 
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
