@@ -175,12 +175,16 @@ def bent(f: Array, v: Array, rise: float) -> Array:
     return law(f, v) * np.exp(rise * np.log(v / 0.01) ** 2 + 0.1 * rise * np.log(f / 3e3) ** 2)
 
 
-def test_runs_at_speeds_of_their_own_are_all_used() -> None:
+@pytest.mark.parametrize("own_arcs", [False, True])
+def test_runs_at_speeds_and_arcs_of_their_own_are_all_used(own_arcs: bool) -> None:
     for seed in range(2):
         data = scattered(120, 0.0, seed)
+        if own_arcs:
+            data["arc_deg"] = np.random.default_rng(seed).uniform(35.0, 120.0, 120)
         result = build(data)
         grid = result.average
         assert result.n_points == 120
+        assert not result.arcs
         # each run is near to a speed, each speed near to a run
         away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
         assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1
@@ -207,18 +211,6 @@ def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
         assert np.sqrt(np.mean(inner**2)) < 2e-3
     assert 0.7 < np.sqrt(np.mean(np.concatenate(pulls) ** 2)) < 1.3
     assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
-
-
-def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
-    data = scattered(60, 0.003, 2, rise=0.02)
-    result = build({**data, "arc_deg": np.random.default_rng(3).uniform(35.0, 120.0, 60)})
-    assert result.n_points == 60
-    assert not result.arcs
-    speeds = result.average.slip_speed_m_s
-    assert speeds[0] < 1.1 * data["v"].min()
-    assert speeds[-1] > data["v"].max() / 1.1
-    true = bent(result.average.normal_force_N_m[:, None], speeds, 0.02)
-    assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
 
 
 ROUNDING = 1e-12
