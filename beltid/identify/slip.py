@@ -35,10 +35,9 @@ DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m
 COLUMNS = ("initial_tension_N", TORQUE, DRIVER, DRIVEN)
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
-CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
-FEWEST_RUNS = 3  # minimum number of runs to determine the creep
-GROSS_OVER_CREEP = 2.0  # a loss beyond this multiple of the creep is gross slip
-GROSS_SLIP_RATIO = 0.05  # and so is one beyond this share of the driver's speed
+CREEP_SHARE, FEWEST_RUNS = 0.5, 3
+"""Runs up to this share of a series' largest torque define its creep, at least so many."""
+GROSS_OVER_CREEP, GROSS_SLIP_RATIO = 2.0, 0.05  # loss over the creep or the speed: gross slip
 SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
 SMALLEST_SHARE = 0.01  # sliding speeds below this share of the largest need no separate runs
 PROPOSED = 5  # number of pulley speeds to propose
@@ -49,12 +48,10 @@ GAINS = (
 )
 BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
 MIN_SAMPLES = 3  # minimum number of usable samples of a run
-NO_LOAD_SHARE = 0.01  # torque over the largest that counts as zero
-MOST_NOISE = 0.2  # the same, if it is within its noise
+NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2  # torque over the largest that is zero; within its noise
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
 STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
-OK = "ok"
-GROSS_SLIP = "gross slip"
+OK, GROSS_SLIP = "ok", "gross slip"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

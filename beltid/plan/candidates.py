@@ -44,8 +44,8 @@ from beltid.uncertainty.sources import (
     with_sources,
 )
 
-LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
-LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)
+LEVEL, LEVEL_WIDTH = 1.0, 0.38
+"""mu of a dry ribbed belt at the middle of the knots, 0.7 to 1.5; standard deviation of ln mu."""
 FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15  # d ln mu / d ln f_N and its standard deviation
 SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15  # d ln mu / d ln v and its standard deviation
 

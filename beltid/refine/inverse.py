@@ -46,16 +46,14 @@ an independent model differs by 0.007 %."""
 SHARES: Final = (5.0e-4, 5.0e-3)
 """Shares of a run's normal load that act below the lowest knot, where the nearest value applies (a
 share of 0.5 % made the surface 0.02 to 0.04 % too high), and below the range of the surface."""
-MOST_ITERATIONS: Final = 40
-TOLERANCE: Final = 1.0e-5  # change of ln mu at which the iteration ends
-NEARLY: Final = 1.0e-4  # change of ln mu up to which a result is used with a warning
+MOST_ITERATIONS, CHOICES = 40, 6  # and how many of them choose weights and sizes again
+TOLERANCE, NEARLY = 1.0e-5, 1.0e-4  # change of ln mu at the end; used with a warning
 LARGEST_CHANGE: Final = 0.5  # largest change of ln mu of a run in one iteration
-CHOICES: Final = 6  # number of iterations that choose weights and sizes again
-DECREASE: Final = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
-HALVINGS: Final = 7  # halvings of a step before it is given up
+DECREASE, HALVINGS = 1.0e-4, 7
+"""Decrease of the misfit over that of its tangent that a step needs (Armijo), or it is halved."""
 NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
-OUTLIER: Final = 3.5  # misfit in standard errors beyond which a run loses weight
-LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
+OUTLIER, LEAST_SCALE = 3.5, 0.5
+"""Misfit over the median one beyond which a run loses weight; least median, in standard errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +224,7 @@ class Problem:
         self.log_mu = np.log(measured.mu)
         self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), rig.speeds[:, None]))
-        self.at: Array = np.linalg.solve(self.curves.B, log_mu.ravel())
+        self.at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
         self.done = sweep(rig, self.curves, self.curves.B @ self.at)
         self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 

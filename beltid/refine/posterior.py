@@ -54,8 +54,7 @@ BEFORE: Final = {  # priors of the standard deviation of ln mu
 IF_CORRECTED: Final = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
 WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 LEAST_NOISE: Final = 0.5  # few runs may fit by chance
-LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
-SMALL: Final = 1.0e-3
+LARGE, SMALL = 3.0e-2, 1.0e-3  # sizes of one effect at the start of a search, and of the others
 GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
 ONE_SIGMA: Final = 0.6827
 

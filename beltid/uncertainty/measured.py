@@ -46,8 +46,6 @@ from beltid.uncertainty.sources import (
     stated_sources,
 )
 
-POINTS = 200
-
 
 @dataclass(frozen=True, slots=True)
 class PressLaw:
@@ -78,7 +76,7 @@ class PressLaw:
         A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
         f is projected on (delta, delta², f'(delta)), as the contact point is free.
         """
-        delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
+        delta = self.max_penetration_m * np.linspace(0.0, 1.0, 200)[1:]
         slope, force = self.law.stiffness(delta), self.law.force(delta)
         present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
         design = np.column_stack([delta, delta**2, slope])[:, present]

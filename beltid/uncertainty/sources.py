@@ -22,10 +22,8 @@ from beltid.laws.friction_surface import FrictionSurface
 Array = NDArray[np.float64]
 
 STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
-PERCENT: Final = ("%", 0.01)
-DEGREE: Final = ("deg", math.pi / 180.0)
-NEWTON: Final = ("N", 1.0)
-MILLIMETRE: Final = ("mm", 1.0e-3)
+PERCENT, DEGREE = ("%", 0.01), ("deg", math.pi / 180.0)
+NEWTON, MILLIMETRE = ("N", 1.0), ("mm", 1.0e-3)
 
 RIG, BENT, MODEL, PRESS, DRIVE = "rig", "bent spans", "model", "press", "drive"
 ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"

@@ -28,7 +28,7 @@ from beltid.identify.estimators import (
 
 CYCLES = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}
 
-MIN_SAMPLES = 20  # minimum number of usable samples of a test
+MIN_SAMPLES, MIN_BRANCH_SAMPLES = 20, 8  # usable in a test; per branch in the range of the fit
 SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
@@ -36,7 +36,6 @@ MIN_OVER_NOISE = 10.0  # rise of the force, and travel, over the noise that prov
 CONTACT_SHARE = 0.01
 """Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
 one and the belt may stick to the plate or stay compressed."""
-MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
 MOST_NODES = 40  # per curve
 TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 COLUMNS = ("displacement_mm", "force_N", "temperature_degC")

@@ -45,11 +45,9 @@ PRIORS = {
 """Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
 LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
-DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
-LINE_FORCE_N_M = (1.0e2, 1.0e6)
+DEPTH_M, LINE_FORCE_N_M = (2.0e-6, 5.0e-3), (1.0e2, 1.0e6)  # ranges for belt ribs
 REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
-CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
-SMOOTH: Final = 0.15  # length of the misfit
+CORRELATION, SMOOTH = 0.05, 0.15  # lengths of noise and misfit, over the deepest penetration
 KNOTS: Final = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
 PER_KELVIN: Final = 1.0 / 50.0
 ROUNDING: Final = 1e-6  # of a force, over the largest
