@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -244,9 +244,9 @@ def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.int
     return {**means, **found, "n_arcs": np.bincount(of_cell)}
 
 
-SETTING: Final = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}
+SETTING = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}
 """Column of each setting, its unit as printed, and the fewest of which one can be left out."""
-FEWEST_RUNS: Final = 4  # minimum number of runs to refine a surface from
+FEWEST_RUNS = 4  # minimum number of runs to refine a surface from
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 from scipy.optimize import nnls
@@ -119,7 +118,7 @@ class NoiseLaw:
         return np.asarray(self.scale**2 * (self.friction**2 + by_tension + MODEL_ERROR**2))
 
 
-USUAL_NOISE: Final = NoiseLaw()
+USUAL_NOISE = NoiseLaw()
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:

@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,20 +38,20 @@ from beltid.uncertainty.sources import (
     factor_of,
 )
 
-KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
-MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
-MODEL_ERROR: Final = 2.0e-4
+KNOTS = 12  # over the range of the surface, and its nodes over the force
+MESH = 1.5  # number of elements over the default, so that the mesh adds no bias
+MODEL_ERROR = 2.0e-4
 """Relative error of a simulated coefficient: a mesh four times finer changes it by 0.002 to 0.02 %,
 an independent model differs by 0.007 %."""
-SHARES: Final = (5.0e-4, 5.0e-3)
+SHARES = (5.0e-4, 5.0e-3)
 """Shares of a run's normal load that act below the lowest knot, where the nearest value applies (a
 share of 0.5 % made the surface 0.02 to 0.04 % too high), and below the range of the surface."""
 MOST_ITERATIONS, CHOICES = 40, 6  # and how many of them choose weights and sizes again
 TOLERANCE, NEARLY = 1.0e-5, 1.0e-4  # change of ln mu at the end; used with a warning
-LARGEST_CHANGE: Final = 0.5  # largest change of ln mu of a run in one iteration
+LARGEST_CHANGE = 0.5  # largest change of ln mu of a run in one iteration
 DECREASE, HALVINGS = 1.0e-4, 7
 """Decrease of the misfit over that of its tangent that a step needs (Armijo), or it is halved."""
-NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
+NOTHING = 0.1  # misfit left to gain that is negligible: a third of a standard error
 OUTLIER, LEAST_SCALE = 3.5, 0.5
 """Misfit over the median one beyond which a run loses weight; least median, in standard errors."""
 
@@ -298,9 +298,9 @@ class Problem:
         return 0.0, change, gain
 
 
-CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
-CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
-LEAST_EVIDENCE: Final = math.log(20.0)
+CLEAR = 3.0  # standard errors beyond which an effect is significant
+CONFOUNDED = 0.9  # share explained by force and speed: variance inflated tenfold
+LEAST_EVIDENCE = math.log(20.0)
 """Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
 
 

@@ -18,7 +18,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -38,25 +37,25 @@ BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run or
 STEP_OF_TEMPERATURE = 10.0  # K
 NOISE, SCATTER, SHARED_ERRORS = "noise", "scatter", "shared errors"
 LEVEL, CURVE, DIFFERENCE = "level", "curve", "difference"
-PRIORS: Final = {
+PRIORS = {
     NOISE: Size(1.0, 0.5, largest=20.0),  # the standard errors are right within a half
     SCATTER: Size(3.0e-3, 1.5, largest=0.3),
     CURVE: Size(0.045, 0.75, largest=3.0),  # curvatures of ln mu over ln f_N of about 0.1
     DIFFERENCE: Size(0.03, 1.0, largest=3.0),  # slopes differ by some hundredths
     SHARED_ERRORS: Size(1.0),
 }
-BEFORE: Final = {  # priors of the standard deviation of ln mu
+BEFORE = {  # priors of the standard deviation of ln mu
     ARC: Size(3.0e-3, 1.5, largest=0.3),
     ORDER: Size(1.0e-2, 1.5, largest=0.3),
     COURSE: Size(3.0e-3, 1.5, largest=0.3),
     TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
-IF_CORRECTED: Final = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
-WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
-LEAST_NOISE: Final = 0.5  # few runs may fit by chance
+IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
+WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
+LEAST_NOISE = 0.5  # few runs may fit by chance
 LARGE, SMALL = 3.0e-2, 1.0e-3  # sizes of one effect at the start of a search, and of the others
-GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
-ONE_SIGMA: Final = 0.6827
+GRID = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
+ONE_SIGMA = 0.6827
 
 
 @dataclass(frozen=True)

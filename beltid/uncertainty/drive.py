@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from beltid.uncertainty.sources import BENDING, SLOWER, Array, Errors, Source, f
 Results = Sequence[DriveResult | None]
 Input = tuple[Drive, Sequence[DrivePoint]]
 
-SURFACE_VARIANCE: Final = 0.999
+SURFACE_VARIANCE = 0.999
 """Share of the variance of ln mu, over all nodes, of the changes of a surface that are solved."""
 
 

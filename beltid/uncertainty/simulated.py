@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +46,10 @@ from beltid.uncertainty.sources import (
     with_sources,
 )
 
-INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
+INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""
-STEP: Final = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
-MESH: Final = 2.0
+STEP = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
+MESH = 2.0
 """Ratio of elements to the default: where contact points come and go, derivatives scatter more than
 values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
 
@@ -197,11 +197,11 @@ def residual_changes(
     return changes_by(sources, residual), slopes
 
 
-DIGITS: Final = 5  # of what is stored
-MESH_SHARE: Final = 0.4
+DIGITS = 5  # of what is stored
+MESH_SHARE = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
+ARRAYS = ("simulated", "difference", "scatter", "numerical", "by_setting")
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,15 +302,15 @@ def simulated_uncertainty(
     )
 
 
-WITHIN: Final = 2.0
+WITHIN = 2.0
 """Standard uncertainties within which a difference says nothing about the model [-]."""
-SHOWN: Final = 3  # contributions that are named
-SETTINGS: Final = (
+SHOWN = 3  # contributions that are named
+SETTINGS = (
     ("initial_tension_N", "nominal_tension_N"),
     ("pulley_speed_rad_s", "pulley_speed_rad_s"),
 )
 """Column of the actual setting, and of the simulated one."""
-UNKNOWN: Final = (
+UNKNOWN = (
     "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
     "contains it): u_validation holds only that of the measured runs, and the scatter"
 )

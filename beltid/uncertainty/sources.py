@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ class Kind(NamedTuple):
     rig, the contact law, a drive."""
 
 
-KINDS: Final = (
+KINDS = (
     Kind("tension_gain", "gain common to both load cells", PERCENT, 1, (RIG,)),
     Kind("cell_gain", "gain of each load cell", PERCENT, 2, (RIG,)),
     Kind("cell_hysteresis", "hysteresis of the load cells", PERCENT, 1, (RIG,)),
@@ -68,7 +68,7 @@ KINDS: Final = (
 )
 """All errors that can be stated."""
 
-REDUCTION_SOURCES: Final = {
+REDUCTION_SOURCES = {
     "shared_tail": "shape of the tail",
     "shared_drift": "common drift",
     "shared_cells": "cells as seen at rest",
@@ -76,7 +76,7 @@ REDUCTION_SOURCES: Final = {
 """Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
 ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
 TEMPERATURE = "temperature_effect"
-EFFECT_SOURCES: Final = {
+EFFECT_SOURCES = {
     ARC: "differences between arcs",
     ORDER: "change over the campaign",
     COURSE: "change over the campaign",
@@ -147,7 +147,7 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
 
 SURFACE = (RIG, MODEL, PRESS)
 """What changes a surface that is built with the simulated rig."""
-LAW: Final = "law"
+LAW = "law"
 
 
 def stated_sources(
@@ -174,9 +174,9 @@ def stated_sources(
     return tuple(sources)
 
 
-BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
-BENDING: Final = Source("string without bending stiffness", "without_bending")
-SLOWER: Final = Source(
+BETWEEN_SPEEDS = Source("interpolation between the speeds", "between_speeds")
+BENDING = Source("string without bending stiffness", "without_bending")
+SLOWER = Source(
     "friction slower than the slowest measured sliding", "slower_friction", basis=ASSUMED
 )
 

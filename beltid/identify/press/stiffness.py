@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,13 +45,13 @@ PRIORS = {
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
 LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
 DEPTH_M, LINE_FORCE_N_M = (2.0e-6, 5.0e-3), (1.0e2, 1.0e6)  # ranges for belt ribs
-REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
+REACH = 0.3  # travel over which that part may vary, over the deepest penetration
 CORRELATION, SMOOTH = 0.05, 0.15  # lengths of noise and misfit, over the deepest penetration
-KNOTS: Final = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
-PER_KELVIN: Final = 1.0 / 50.0
-ROUNDING: Final = 1e-6  # of a force, over the largest
-LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the largest force
-LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
+KNOTS = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
+PER_KELVIN = 1.0 / 50.0
+ROUNDING = 1e-6  # of a force, over the largest
+LARGEST_MISFIT = 0.1  # of a law with a coefficient at zero, over the largest force
+LEAST_FORCE = 0.1  # share of the largest force from which on relative misfits count
 SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
 RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
 CLEAR = 2.6  # standard errors beyond which a slope is significant
