@@ -247,12 +247,8 @@ def measured_runs(
     errors, beta = own_errors(columns)[rows], np.radians(arc_deg)
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
     slack = f * R * (mu * beta) / np.expm1(mu * beta)
-    tight, T_0, spans = (
-        slack * np.exp(mu * beta),
-        known("initial_tension_N"),
-        columns.get("torque_with"),
-    )
-    T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
+    tight, at_rest = slack * np.exp(mu * beta), known("initial_tension_N")
+    T_0 = np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
@@ -268,7 +264,7 @@ def measured_runs(
         kind=kind,
         given_force=given_force,
         momentum=np.nan_to_num(known("momentum_N")),
-        with_tight=None if spans is None else np.asarray(spans == "tight")[rows],
+        with_tight=columns["torque_with"][rows] == "tight" if "torque_with" in columns else None,
     )
 
 
@@ -316,13 +312,11 @@ def published_grid(measured: Measured) -> SurfaceGrid:
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
     """Return the change of ln mu at the nominal nodes (nf, nv), other minus nominal."""
-    surface = nominal.to_surface()
-    f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s[None, :]
+    f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s
     if other.mu.shape != nominal.mu.shape:  # nodes were added or removed
         return np.asarray(np.log(other.to_surface().mu(f, v) / nominal.mu))
-    by_f, by_v = surface.gradient(f, v)
-    f_step = np.log(other.normal_force_N_m / nominal.normal_force_N_m)[:, None]
-    v_step = np.log(other.slip_speed_m_s / nominal.slip_speed_m_s)[None, :]
+    by_f, by_v = nominal.to_surface().gradient(f, v)
+    f_step, v_step = np.log(other.normal_force_N_m[:, None] / f), np.log(other.slip_speed_m_s / v)
     along = (by_f * f * f_step + by_v * v * v_step) / nominal.mu
     return np.asarray(np.log(other.mu / nominal.mu) - along)
 
