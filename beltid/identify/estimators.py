@@ -69,8 +69,7 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     not finite where missing. tau is in samples, at least 1 (independent).
     """
     known = [x for x in (np.ravel(run).astype(float) for run in runs) if np.isfinite(x).any()]
-    limits = [ROUNDING * np.nanmax(np.abs(x)) for x in known]
-    centred = zip((x - np.nanmean(x) for x in known), limits, strict=True)
+    centred = [(x - np.nanmean(x), ROUNDING * np.nanmax(np.abs(x))) for x in known]
     residuals = [r for r, limit in centred if np.nanmax(np.abs(r)) > limit]
     longest = max((r.size for r in residuals), default=0)
     products, pairs = np.zeros(longest), np.zeros(longest)

@@ -118,18 +118,19 @@ def refine_surface(
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
     gain = runs.gain(posterior)
-    effects = [(e.key, posterior.sizes[e.key], e.columns) for e in runs.effects]
-    for key, size, columns in effects:
-        left += effect_sources(key, size, columns.shape[1])
-    shared = gain[:q] @ np.hstack([changes, *(size * columns for _, size, columns in effects)])
+    for e in runs.effects:
+        left += effect_sources(e.key, posterior.sizes[e.key], e.columns.shape[1])
+    by_effects = (posterior.sizes[e.key] * e.columns for e in runs.effects)
+    shared = gain[:q] @ np.hstack([changes, *by_effects])
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors = gain @ changes
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
     warnings, iterations = list[str](), first.iterations + fit.iterations
     if not posterior.converged:
-        what = "the search for the sizes of noise and effects did not end"
-        warnings.append(f"{what}: the errors may be wrong")
+        warnings.append(
+            "the search for the sizes of noise and effects did not end: the errors may be wrong"
+        )
     if fit.still_changing > 0.0:
         warnings.append(
             f"no convergence in {iterations} iterations: last change of mu "

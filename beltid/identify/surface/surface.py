@@ -432,10 +432,9 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     mu = np.clip(np.exp(log_mu), points.mu.min(), points.mu.max())
     factor = np.column_stack([factor, np.diag(log_mu - np.log(mu))])
     shape = forces.size, speeds.size
-    mu_se = (mu * np.linalg.norm(factor, axis=1)).reshape(shape)
+    mu, mu_se = (x.reshape(shape) for x in (mu, mu * np.linalg.norm(factor, axis=1)))
     of_one = np.ones(shape, dtype=np.int64), np.full(shape, np.nan), factor.reshape(*shape, -1)
-    grid = SurfaceGrid(np.nan, forces, speeds, mu.reshape(shape), mu_se, *of_one)
-    return grid, (
+    return SurfaceGrid(np.nan, forces, speeds, mu, mu_se, *of_one), (
         f"the {n} runs are no grid of arcs, speeds and forces: one smooth surface through all, at "
         f"{speeds.size} speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s"
     )
@@ -446,13 +445,12 @@ def _smooth(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Arr
     x = np.log(np.column_stack([points.f, points.v]))
     low, high = x.min(axis=0), np.maximum(x.max(axis=0), x.min(axis=0) + EDGE)
     bent, one = np.diff(np.eye(SPLINES), 2, axis=0), np.eye(SPLINES)
-    rough = np.kron(bent.T @ bent, one) + np.kron(one, bent.T @ bent)
-    precision = rough + FLAT * np.eye(len(rough))
+    precision = np.kron(bent.T @ bent, one) + np.kron(one, bent.T @ bent) + FLAT * np.kron(one, one)
     # a run is a group by itself: its errors are independent of the others
     columns, ones = _splines((x - low) / (high - low))[:, None], np.ones((points.f.size, 1))
     shared = [Shared("surface", columns, Size(BEND, 2.0, LARGEST), precision=precision)]
     if arc_label.max() > 0:
-        arcs = np.equal.outer(arc_label, np.arange(arc_label.max() + 1)).astype(float)
+        arcs = np.eye(arc_label.max() + 1)[arc_label]
         shared.append(Shared("arc", arcs[:, None], Size(ARC_EFFECT, 1.2, LARGEST)))
     stated = np.hypot(points.se / points.mu, ROUNDING)[:, None]
     own = [
