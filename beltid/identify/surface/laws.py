@@ -170,7 +170,7 @@ def _fitted(
     q[at] = np.log(q[at])
     t, posterior = relinearised(model, np.clip((q - before) / width, -3.0, 3.0), STEPS, TURNS)
     p, se = parameters(t), width * np.sqrt(np.diag(posterior.covariance))
-    se[se > DETERMINED * width] = np.inf
+    se[~(se <= DETERMINED * width)] = np.inf
     se[at] *= p[at]
     found = zip(law.units.items(), p.tolist(), se.tolist(), strict=True)
     misfit = law.mu(p, f / f0, v) / mu - 1.0
