@@ -107,16 +107,17 @@ def required_pulley_speeds(
     high = float(speeds.max()) / R
     low = max(float(speeds.min()) / R, SMALLEST_SHARE * high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
-    rig, missing = list(configured or ()), []
-    if rig:
-        if min(rig) > (1.0 + SPEED_TOLERANCE) * low:
-            missing.append(f"{low:.3g} to {min(*rig, high):.3g} rad/s")
-        if max(rig) < (1.0 - SPEED_TOLERANCE) * high:
-            missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
-        gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
-        statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
-    proposed = np.geomspace(low, high, PROPOSED).tolist() if low < high else [high]
-    return tuple(proposed), not missing if rig else None, statement
+    proposed = tuple(np.geomspace(low, high, PROPOSED).tolist() if low < high else [high])
+    if not configured:
+        return proposed, None, statement
+    ends = (
+        (low, min(*configured, high), min(configured) > (1.0 + SPEED_TOLERANCE) * low),
+        (max(*configured, low), high, max(configured) < (1.0 - SPEED_TOLERANCE) * high),
+    )
+    missing = [f"{a:.3g} to {b:.3g} rad/s" for a, b, is_missed in ends if is_missed]
+    gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
+    statement += f"; the rig runs at {', '.join(f'{w:g}' for w in configured)} rad/s: {gaps}"
+    return proposed, not missing, statement
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:

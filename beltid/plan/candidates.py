@@ -16,7 +16,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import nnls
@@ -157,7 +156,7 @@ def simulate_candidates(
     known: SurfaceUncertainty | None,
     sources: Sequence[Source],
     noise: NoiseLaw = USUAL_NOISE,
-    columns: Mapping[str, float] = MappingProxyType({}),
+    columns: Mapping[str, float] | None = None,
     kind: RigKind = TWO_CELLS,
 ) -> tuple[RunRows, Measured, Curves]:
     """Simulate each setting once with the present surface, and differentiate it.
@@ -180,7 +179,7 @@ def simulate_candidates(
     log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
     runs = simulated_runs(bench, points, arc, kind, done.tensions)
-    shared = {key: np.full((arc.size, 1), value) for key, value in columns.items()}
+    shared = {key: np.full((arc.size, 1), value) for key, value in (columns or {}).items()}
     shared[ARC] = done.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
     campaign = replace(campaign, measured=replace(runs, columns=shared))
     S, _ = residual_changes(campaign, sources, surfaces, speeds, done.speed_slope)

@@ -344,7 +344,7 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     for key, of in rows.items():
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
-        change = found.runs.response * (columns[key] @ (unit[key] @ mean))
+        change = found.runs.response * (columns[key] @ found.posterior.of(key)[0])
         explained = math.nan if key == ARC else found.runs.explained(change, found.posterior.sizes)
         hidden = explained > CONFOUNDED
         large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
