@@ -7,19 +7,18 @@ it (:func:`folds`): all runs of one contact arc, or of one speed but the outermo
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.errors import InputError, TooFewSettings, counted
-from beltid.identify.estimators import settings_of
-
-Array = NDArray[np.float64]
+from beltid.identify.estimators import Array, settings_of
 
 Columns = dict[str, NDArray[Any]]
 
@@ -43,22 +42,19 @@ SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s"
 
 def statistics(group: str, relative: Array, force: Array) -> dict[str, Any]:
     """Return a row of relative differences in percent, at forces [N/m]; None without points."""
-    known = relative if relative.size else np.full(1, np.nan)
-    row = {f"{name}_percent": 100.0 * x for name, x in _figures(known).items()}
-    row |= {"force_low_N_m": force.min(initial=np.inf), "force_high_N_m": force.max(initial=0.0)}
-    numbers = {name: float(x) if relative.size else None for name, x in row.items()}
-    return {"group": group, "n_points": relative.size, **numbers}
-
-
-def _figures(relative: Array) -> dict[str, float]:
-    """Return what the tolerances judge, and the mean."""
+    n, nothing = relative.size, np.full(1, np.nan)
+    relative, force = (x if n else nothing for x in (relative, force))
     size = np.abs(relative)
-    return {
-        "rms": float(np.sqrt(np.mean(relative**2))),
-        "mean": float(relative.mean()),
-        "mean_magnitude": float(size.mean()),
-        "largest": float(size.max()),
+    numbers = {
+        "rms_percent": 100.0 * np.sqrt(np.mean(size**2)),
+        "mean_percent": 100.0 * np.mean(relative),
+        "mean_magnitude_percent": 100.0 * np.mean(size),
+        "largest_percent": 100.0 * np.max(size),
+        "force_low_N_m": np.min(force),
+        "force_high_N_m": np.max(force),
     }
+    known = {name: float(x) if n else None for name, x in numbers.items()}
+    return {"group": group, "n_points": n, **known}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,14 +65,15 @@ class AgreementResult:
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     groups: tuple[dict[str, Any], ...]
     """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each third of the force."""
-    tolerances: Mapping[str, float]  # active tolerances, see :func:`compare_points`
+    judged: tuple[dict[str, Any], ...]
+    """For each active tolerance, see :func:`compare_points`, what was found, and if it holds."""
     n_usable: int  # usable measured runs
     not_compared_runs: tuple[tuple[str, str], ...]
     """Runs that are unusable or have no partner: label with side, reason."""
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Rows of the matched runs in the measured and in the simulated table."""
-    u_validation: Array | None = None
-    """Standard uncertainty of the relative differences [-]; nan where unknown."""
+    rms_over_u: float = math.nan
+    """Root mean square of the differences over their standard uncertainties; nan if unknown."""
 
     @property
     def not_compared(self) -> dict[str, int]:
@@ -90,60 +87,36 @@ class AgreementResult:
         return len(self.columns["run"]) / self.n_usable
 
     @property
-    def error_over_uncertainty(self) -> Array:
-        """Relative difference over its standard uncertainty (n,); nan where unknown."""
-        relative, u = self.columns["relative_difference"], self.u_validation
-        safe = np.nan if u is None else np.where(u > 0.0, u, np.nan)
-        return np.asarray(relative / safe)
-
-    @property
-    def rms_error_over_uncertainty(self) -> float:
-        """Root mean square of the differences over their standard uncertainties [-]."""
-        return float(np.sqrt(np.mean(np.square(self.error_over_uncertainty))))
-
-    @property
     def passed(self) -> bool:
         """True if all active tolerances hold."""
-        return all(row["holds"] for row in self.verdict_table())
+        return all(row["holds"] for row in self.judged)
 
     @property
     def verdict(self) -> str:
         """The outcome in plain words, each tolerance with what was found."""
         words = []
-        for row in self.verdict_table():
-            name, holds, found = row["tolerance"], row["holds"], 100.0 * row["found"]
-            allowed = f"{100.0 * row['allowed']:g} %"
+        for name, found, allowed, holds in (row.values() for row in self.judged):
             if name != SHARE_COMPARED:
                 figure, sign = FIGURES[name].replace("_", " "), "<=" if holds else ">"
-                words.append(f"{figure} {found:.2f} % {sign} {allowed}")
+                words.append(f"{figure} {100.0 * found:.2f} % {sign} {100.0 * allowed:g} %")
             elif not holds:
-                words.append(f"runs compared {found:.0f} % < {allowed}")
+                words.append(f"runs compared {100.0 * found:.0f} % < {100.0 * allowed:g} %")
         text = f"{'PASS' if self.passed else 'FAIL'}: {', '.join(words)}"
-        if (ratio := self.rms_error_over_uncertainty) > UNEXPLAINED:
-            text += f"; FAIL of the uncertainty: the differences are {ratio:.2g} times as large"
+        if self.rms_over_u > UNEXPLAINED:
+            times = f"{self.rms_over_u:.2g} times as large"
+            text += f"; FAIL of the uncertainty: the differences are {times}"
         return text
 
     @property
     def against_uncertainty(self) -> str:
         """RMS error, its uncertainty and their ratio in plain words; empty if not known."""
-        ratio = self.rms_error_over_uncertainty
+        ratio, rms, (low, high) = self.rms_over_u, self.groups[0]["rms_percent"], GOOD_RATIO
         if not ratio > 0.0:
             return ""
-        rms, (low, high) = self.groups[0]["rms_percent"], GOOD_RATIO
         return (
             f"the error is {rms:.2g} % RMS, its uncertainty {rms / ratio:.2g} % (without errors "
             f"common to both sides); their ratio {ratio:.2g} should be {low:g} to {high:g}"
         )
-
-    def verdict_table(self) -> list[dict[str, Any]]:
-        """Return one row per active tolerance, for printing; a nan figure never holds."""
-        figures, rows = _figures(self.columns["relative_difference"]), []
-        for name, allowed in self.tolerances.items():
-            share = name == SHARE_COMPARED
-            found = self.share_compared if share else figures[FIGURES[name]]
-            holds = bool(found >= allowed if share else found <= allowed)
-            rows.append({"tolerance": name, "found": found, "allowed": allowed, "holds": holds})
-        return rows
 
 
 def compare_points(
@@ -168,11 +141,10 @@ def compare_points(
         none = f"compare: no measured run has a simulated partner, must be at least one ({sizes})"
         raise InputError([none, *(f"{counted(count, 'run')}: {why}" for why, count in counts)])
     real = {name: column[of_measured] for name, column in tables[0].items()}
-    virtual = tables[1]["mu_sliding"][of_simulated]
+    virtual, tolerances = tables[1]["mu_sliding"][of_simulated], tolerances or {}
     settings = {name: real[name] for name in ("run", *NUMBERS[:-1])}
     columns = settings | _differences(real["mu_sliding"], virtual)
     force, relative = real["normal_force_N_m"], columns["relative_difference"]
-    tolerances = tolerances or {}
     columns["within_tolerance"] = np.abs(relative) <= tolerances.get("max_relative_error", np.inf)
     parts = np.array_split(np.argsort(force, kind="stable"), len(THIRDS))
     arcs = settings_of(real["arc_deg"], SAME_SETTING["arc_deg"])
@@ -181,20 +153,30 @@ def compare_points(
     named = [(f"arc {real['arc_deg'][mask].mean():g}°", mask) for mask in of_arcs]
     thirds = [(f"{word} third of the force", g) for word, g in zip(THIRDS, parts, strict=True)]
     means = (averaged[name] for name in ("relative_difference", "normal_force_N_m"))
+    overall = statistics("all points", relative, force)
+    n_usable = int(np.sum(tables[0]["reason"] == ""))
+    found = {name: 0.01 * overall[f"{figure}_percent"] for name, figure in FIGURES.items()}
+    found[SHARE_COMPARED] = relative.size / n_usable
     return AgreementResult(
         columns=columns,
         averaged=averaged,
         groups=(
-            statistics("all points", relative, force),
+            overall,
             *(statistics(name, relative[g], force[g]) for name, g in named),
             statistics("means over arcs", *means),
             *(statistics(name, relative[g], force[g]) for name, g in thirds),
         ),
-        tolerances=tolerances,
-        n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
+        judged=tuple(_judged(name, found[name], of) for name, of in tolerances.items()),
+        n_usable=n_usable,
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
     )
+
+
+def _judged(tolerance: str, found: float, allowed: float) -> dict[str, Any]:
+    """Return a row with whether a tolerance holds."""
+    holds = found >= allowed if tolerance == SHARE_COMPARED else found <= allowed
+    return {"tolerance": tolerance, "found": found, "allowed": allowed, "holds": bool(holds)}
 
 
 def _differences(measured: Array, simulated: Array) -> Columns:
@@ -213,10 +195,10 @@ def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
     run = np.array([str(label) for label in np.ravel(columns["run"])], dtype=object)
     values = {name: np.asarray(columns[name], dtype=float) for name in NUMBERS}
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
-    reason = np.asarray(columns.get("status", np.full(run.size, OK)), dtype=object).copy()
+    reason = np.array(columns.get("status", np.full(run.size, OK)), dtype=object)
     for k, status in enumerate(reason):
-        invalid = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
-        against = f"{' and '.join(invalid)} not a number > 0" if invalid else ""
+        invalid = " and ".join(name for name, x in values.items() if not 0.0 < x[k] < np.inf)
+        against = f"{invalid} not a number > 0" if invalid else ""
         reason[k] = against if status == OK else str(status) or "status is empty"
     return {"run": run, **values, "reason": reason}
 
@@ -225,31 +207,27 @@ def _match(
     measured: Columns, simulated: Columns
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
     """Match the runs: within the tolerances, the same label wins, else the nearest speed."""
-    pairs: list[tuple[int, int]] = []
-    left_out: list[tuple[str, str]] = []
-    usable = simulated["reason"] == ""
-    has_partner = np.zeros(usable.size, dtype=bool)
-    for k, (label, reason) in enumerate(zip(measured["run"], measured["reason"], strict=True)):
-        off = {name: np.abs(simulated[name] - measured[name][k]) for name in SAME_SETTING}
-        near = np.all(
-            [off[n] <= share * measured[n][k] for n, share in SAME_SETTING.items()], axis=0
-        )
-        has_partner |= near  # even if the measured run is unusable: that run is listed
-        if reason:
-            left_out.append((f"measured {label}", f"measured: {reason}"))
-        elif np.any(near & usable):
-            order = np.where(simulated["run"] == label, -1.0, off["pulley_speed_rad_s"])
-            pairs.append((k, int(np.argmin(np.where(near & usable, order, np.inf)))))
-        elif near.any():
-            left_out.append((f"measured {label}", f"simulated: {simulated['reason'][near][0]}"))
-        else:
-            left_out.append((f"measured {label}", "no simulated run with these settings"))
-    for j in np.flatnonzero(~has_partner):
-        reason = simulated["reason"][j]
-        text = f"simulated: {reason}" if reason else "no measured run with these settings"
-        left_out.append((f"simulated {simulated['run'][j]}", text))
-    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    return rows[:, 0], rows[:, 1], tuple(left_out)
+    off = {n: np.abs(np.subtract.outer(measured[n], simulated[n])) for n in SAME_SETTING}
+    same = [off[n] <= share * measured[n][:, None] for n, share in SAME_SETTING.items()]
+    near = np.all(same, axis=0)
+    fits = near & (measured["reason"] == "")[:, None] & (simulated["reason"] == "")
+    named_alike = np.equal.outer(measured["run"], simulated["run"])
+    order = np.where(fits, np.where(named_alike, -1.0, off["pulley_speed_rad_s"]), np.inf)
+    left_out = list[tuple[str, str]]()
+    for k in np.flatnonzero(~fits.any(axis=1)):
+        of_measured = [f"measured: {why}" for why in measured["reason"][[k]] if why]
+        of_simulated = [f"simulated: {why}" for why in simulated["reason"][near[k]]]
+        why, *_ = *of_measured, *of_simulated, "no simulated run with these settings"
+        left_out.append((f"measured {measured['run'][k]}", why))
+    # a simulated run whose measured one is unusable is not listed: that run is
+    alone = ~near.any(axis=0)
+    left_out += [
+        (f"simulated {run}", f"simulated: {why}" if why else "no measured run with these settings")
+        for run, why in zip(simulated["run"][alone], simulated["reason"][alone], strict=True)
+    ]
+    rows = np.flatnonzero(fits.any(axis=1))
+    partners = np.array([np.argmin(order[k]) for k in rows], dtype=np.intp)
+    return rows, partners, tuple(left_out)
 
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
@@ -266,9 +244,9 @@ def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.int
     return {**means, **found, "n_arcs": np.bincount(of_cell)}
 
 
-SETTING: Final = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}
+SETTING = {"arc": ("arc_deg", "°", 2), "speed": ("pulley_speed_rad_s", " rad/s", 3)}
 """Column of each setting, its unit as printed, and the fewest of which one can be left out."""
-FEWEST_RUNS: Final = 4  # minimum number of runs to refine a surface from
+FEWEST_RUNS = 4  # minimum number of runs to refine a surface from
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,19 +276,18 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
             f"cross_validate.by = {by}: {counted(count, by)} measured, must be at least {fewest} "
             "to leave one out"
         )
-    result = []
-    for k in range(count) if by == "arc" else range(1, count - 1):
-        name = f"{by} {np.median(values[label == k]):.4g}{unit}"
-        result.append(Fold(by, name, usable[label == k], usable[label != k]))
+    names = [f"{by} {np.median(values[label == k]):.4g}{unit}" for k in range(count)]
+    every = [Fold(by, n, usable[label == k], usable[label != k]) for k, n in enumerate(names)]
+    found = every if by == "arc" else every[1:-1]
     short = [
         f"cross_validate.by = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
         f"least {FEWEST_RUNS}"
-        for fold in result
+        for fold in found
         if fold.rest.size < FEWEST_RUNS
     ]
     if short:
         raise TooFewSettings(short)
-    return tuple(result)
+    return tuple(found)
 
 
 def between_speeds(log_speed: Array, log_mu: Array, at: Array, known: float) -> Array:

@@ -68,27 +68,23 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
     it decays at the same rate as before. The runs are evenly spaced samples in time order (n,),
     not finite where missing. tau is in samples, at least 1 (independent).
     """
-    residuals = []
-    for values in (np.asarray(run, dtype=float).ravel() for run in runs):
-        r = values - np.nanmean(values) if np.isfinite(values).any() else np.zeros(1)
-        if np.nanmax(np.abs(r)) > ROUNDING * np.nanmax(np.abs(values), initial=0.0):
-            residuals.append(r)
+    known = [x for x in (np.ravel(run).astype(float) for run in runs) if np.isfinite(x).any()]
+    centred = [(x - np.nanmean(x), ROUNDING * np.nanmax(np.abs(x))) for x in known]
+    residuals = [r for r, limit in centred if np.nanmax(np.abs(r)) > limit]
     longest = max((r.size for r in residuals), default=0)
     products, pairs = np.zeros(longest), np.zeros(longest)
     for r in residuals:
-        valid = np.isfinite(r)
-        length = 1 << (2 * r.size).bit_length()  # sums of products at every lag, by FFT
+        valid, length = np.isfinite(r), 1 << (2 * r.size).bit_length()
+        # sums of products at every lag, by FFT
         spectra = np.abs(np.fft.rfft([np.where(valid, r, 0.0), valid.astype(float)], length)) ** 2
         lagged = np.fft.irfft(spectra, length)[:, : r.size]
         products[: r.size] += lagged[0]
         pairs[: r.size] += np.round(lagged[1])
     gap = np.flatnonzero(pairs < 0.5)
-    rho = products[: gap[0] if gap.size else longest]
-    pairs = pairs[: rho.size]
-    if rho.size < 2:
+    products, pairs = (x[: gap[0] if gap.size else longest] for x in (products, pairs))
+    if pairs.size < 2:
         return 1.0
-    rho = rho / pairs * (pairs[0] / products[0])
-    n = pairs[0] / len(residuals)
+    rho, n = products / pairs * (pairs[0] / products[0]), pairs[0] / len(residuals)
     tau = before = 1.0
     for _ in range(20):
         corrected = rho + (1.0 - rho) * min(tau / n, 0.5)
@@ -115,10 +111,9 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
 
 def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     """Replace each measured value by the median of its setting; nan stays nan."""
-    snapped, finite = np.full(values.shape, np.nan), np.isfinite(values)
-    known = values[finite]
-    labels = settings_of(known, gap)
-    snapped[finite] = [np.median(known[labels == k]) for k in labels]
+    snapped, finite = values + np.nan, np.isfinite(values)
+    labels = settings_of(values[finite], gap)
+    snapped[finite] = [np.median(values[finite][labels == k]) for k in labels]
     return snapped
 
 
@@ -185,8 +180,8 @@ def _grid(levels: Array) -> float:
     smallest, above = float(np.min(np.diff(levels))), levels - levels[0]
     if above[-1] > 1e6 * smallest:
         return 0.0
-    for part in (1, 2, 3):  # with few levels the smallest gap may span several steps
-        step = smallest / part
+    # with few levels the smallest gap may span several steps
+    for step in (smallest, smallest / 2.0, smallest / 3.0):
         for _ in range(2):  # levels are rounded: the full range gives a better step than one gap
             count = np.rint(above / step)
             step = float(count @ above / (count @ count))
@@ -245,13 +240,11 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     spectrum (red noise is no line). The residuals (n, m) at t [s], in units of their noise, are
     orthogonal to the orthonormal columns already fitted (n, p).
     """
-    n = t.size
-    duration = float(t[-1] - t[0])
+    n, duration = t.size, float(t[-1] - t[0])
     if n < 24 or duration <= 0.0:
         return None
-    grid = np.linspace(t[0], t[-1], n)
     length = 2 * (1 << (n - 1).bit_length())
-    even = np.array([np.interp(grid, t, column) for column in residuals.T])
+    even = [np.interp(np.linspace(t[0], t[-1], n), t, column) for column in residuals.T]
     power = np.sum(np.abs(np.fft.rfft(even, length)) ** 2, axis=0) / n
     frequency = np.fft.rfftfreq(length, duration / (n - 1))
     first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])

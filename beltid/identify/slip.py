@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
+    Array,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
@@ -27,7 +28,6 @@ from beltid.identify.estimators import (
 )
 from beltid.laws.capstan import sliding_speed
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 Runs = dict[str, list[Array]]  # samples of each run by column
 
@@ -35,10 +35,9 @@ DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m
 COLUMNS = ("initial_tension_N", TORQUE, DRIVER, DRIVEN)
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
-CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
-FEWEST_RUNS = 3  # minimum number of runs to determine the creep
-GROSS_OVER_CREEP = 2.0  # a loss beyond this multiple of the creep is gross slip
-GROSS_SLIP_RATIO = 0.05  # and so is one beyond this share of the driver's speed
+CREEP_SHARE, FEWEST_RUNS = 0.5, 3
+"""Runs up to this share of a series' largest torque define its creep, at least so many."""
+GROSS_OVER_CREEP, GROSS_SLIP_RATIO = 2.0, 0.05  # loss over the creep or the speed: gross slip
 SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
 SMALLEST_SHARE = 0.01  # sliding speeds below this share of the largest need no separate runs
 PROPOSED = 5  # number of pulley speeds to propose
@@ -49,12 +48,10 @@ GAINS = (
 )
 BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
 MIN_SAMPLES = 3  # minimum number of usable samples of a run
-NO_LOAD_SHARE = 0.01  # torque over the largest that counts as zero
-MOST_NOISE = 0.2  # the same, if it is within its noise
+NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2  # torque over the largest that is zero; within its noise
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
 STANDS = 0.05  # speed of the driven pulley over the driver's below which its direction is unknown
-OK = "ok"
-GROSS_SLIP = "gross slip"
+OK, GROSS_SLIP = "ok", "gross slip"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,8 +85,7 @@ def gross_slip(
         loaded = np.flatnonzero(good & (torque > 0.05 * largest))
         loaded = loaded[np.argsort(torque[loaded], kind="stable")]
         low = loaded[: max(np.count_nonzero(torque[loaded] <= CREEP_SHARE * largest), FEWEST_RUNS)]
-        creep = float(np.median(loss[low] / torque[low])) if low.size >= FEWEST_RUNS else 0.0
-        if creep > 0.0:
+        if low.size >= FEWEST_RUNS and (creep := np.median(loss[low] / torque[low])) > 0.0:
             gross |= rows & (loss > GROSS_OVER_CREEP * creep * torque + SIGNIFICANT * se)
     return usable & gross
 
@@ -111,16 +107,17 @@ def required_pulley_speeds(
     high = float(speeds.max()) / R
     low = max(float(speeds.min()) / R, SMALLEST_SHARE * high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
-    rig, missing = list(configured or ()), []
-    if rig:
-        if min(rig) > (1.0 + SPEED_TOLERANCE) * low:
-            missing.append(f"{low:.3g} to {min(*rig, high):.3g} rad/s")
-        if max(rig) < (1.0 - SPEED_TOLERANCE) * high:
-            missing.append(f"{max(*rig, low):.3g} to {high:.3g} rad/s")
-        gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
-        statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
-    proposed = np.geomspace(low, high, PROPOSED).tolist() if low < high else [high]
-    return tuple(proposed), not missing if rig else None, statement
+    proposed = tuple(np.geomspace(low, high, PROPOSED).tolist() if low < high else [high])
+    if not configured:
+        return proposed, None, statement
+    ends = (
+        (low, min(*configured, high), min(configured) > (1.0 + SPEED_TOLERANCE) * low),
+        (max(*configured, low), high, max(configured) < (1.0 - SPEED_TOLERANCE) * high),
+    )
+    missing = [f"{a:.3g} to {b:.3g} rad/s" for a, b, is_missed in ends if is_missed]
+    gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
+    statement += f"; the rig runs at {', '.join(f'{w:g}' for w in configured)} rad/s: {gaps}"
+    return proposed, not missing, statement
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
@@ -141,20 +138,16 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     series = settings_of(np.abs(speed), SAME_SETTING)
     if not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS:
         series = one
-    torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
-    rounding = [
-        rounding_of_mean(
-            [np.std(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in of_runs], step
-        )
-        for of_runs in (runs[DRIVER], runs[DRIVEN])
-    ]
+    finite = ([x[np.isfinite(x)] for x in runs[name]] for name in (DRIVER, DRIVEN))
+    scatters = ([np.std(x) if x.size else 0.0 for x in of_runs] for of_runs in finite)
+    rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
     with np.errstate(divide="ignore", invalid="ignore"):
         quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     ratios, scatter = pooled_means(quotients, series)
     # without torque: below a share of the largest, or within its noise
     size, most = np.abs(torque), np.fmax.reduce(np.abs(torque), initial=0.0)
-    noise = np.fmin(2.0 * torque_se, MOST_NOISE * most)
+    noise = np.fmin(2.0 * pooled_means(runs[TORQUE], series)[1], MOST_NOISE * most)
     idle = (size <= np.fmax(NO_LOAD_SHARE * most, noise)) & np.isfinite(scatter)
     if idle.any():
         coarse = np.hypot(rounding[0], ratios * rounding[1])[idle] / np.abs(driven[idle])
@@ -162,11 +155,9 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         weights /= weights.sum()
         ratio = float(weights @ ratios[idle])
         # errors of rounding may be equal in all runs
-        ratio_se = math.hypot(
-            float(np.linalg.norm(weights * scatter[idle])), float(weights @ coarse)
-        )
-        text = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
-        of_ratio = [text] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
+        ratio_se = float(np.hypot(np.linalg.norm(weights * scatter[idle]), weights @ coarse))
+        about = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
+        of_ratio = [about] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
     else:
         ratio, ratio_se = 1.0, 0.0
         of_ratio = [
@@ -177,23 +168,23 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     loss, se = pooled_means(losses, series)
     se = np.sqrt(se**2 + rounding[0] ** 2 + (ratio * rounding[1]) ** 2 + (ratio_se * driven) ** 2)
     n = np.array([np.isfinite(x).sum() for x in losses])
-    status = np.full(n.size, OK, dtype=object)
-    for is_so, reason in (  # the last one that holds is stated
-        (loss < -SIGNIFICANT * se, GAINS),
-        (speed < 0.0, BACKWARDS),
-        (driven * np.sign(speed) < -STANDS * np.abs(speed), "the pulleys turn in opposite ways"),
-        (speed == 0.0, "the driver does not turn"),
-        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
-    ):
-        status[is_so] = reason
+    reasons = {  # the first one that holds is stated
+        f"fewer than {MIN_SAMPLES} usable samples": n < MIN_SAMPLES,
+        "the driver does not turn": speed == 0.0,
+        "the pulleys turn in opposite ways": driven * np.sign(speed) < -STANDS * np.abs(speed),
+        BACKWARDS: speed < 0.0,
+        GAINS: loss < -SIGNIFICANT * se,
+    }
+    status = np.select([*reasons.values()], [*reasons], OK).astype(object)
     status[gross_slip(speed, tension, np.abs(torque), loss, se, status == OK)] = GROSS_SLIP
     service = status == OK
     if not service.any() or (np.any(status == GAINS) and not np.any(loss[service] > se[service])):
         why = zip(labels[~service], status[~service], strict=True)
         raise InputError([*(f"run {label}: {text}" for label, text in why), *of_ratio])
-    for text in dict.fromkeys(status[~service]):
-        listed = ", ".join(labels[status == text])
-        notes.append(f"{text}: {listed}; ignored for the largest sliding speed")
+    notes += [
+        f"{text}: {', '.join(labels[status == text])}; ignored for the largest sliding speed"
+        for text in dict.fromkeys(status[~service])
+    ]
     v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
     largest = int(np.argmax(np.where(service, v, -np.inf)))
     return SlipResult(
@@ -219,19 +210,15 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
 def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
     """Cut off the samples before the driver reaches its speed and after it stops; note the runs."""
     shortened = []
-    for k, label in enumerate(labels):
+    for k in (k for k, speed in enumerate(runs[DRIVER]) if np.isfinite(speed).any()):
         speed = np.abs(runs[DRIVER][k])
-        finite = np.isfinite(speed)
-        if not finite.any():
-            continue
         # robust to spikes; a quarter of the samples at speed is enough
         turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
         at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
-        part = slice(at_speed[0], at_speed[-1] + 1)
         for values in runs.values():
-            values[k] = values[k][part]
-        if finite[part].sum() < finite.sum():
-            shortened.append(label)
+            values[k] = values[k][at_speed[0] : at_speed[-1] + 1]
+        if np.isfinite(runs[DRIVER][k]).sum() < np.isfinite(speed).sum():
+            shortened.append(labels[k])
     named = ", ".join(shortened)
     return [f"samples before the driver is up to its speed left out: {named}"] if named else []
 

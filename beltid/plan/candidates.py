@@ -16,11 +16,8 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from beltid.errors import InputError
@@ -36,6 +33,7 @@ from beltid.uncertainty.simulated import MESH, Campaign, RigRuns, residual_chang
 from beltid.uncertainty.sources import (
     ARC,
     SURFACE,
+    Array,
     Source,
     StandardUncertainties,
     SurfaceUncertainty,
@@ -44,10 +42,8 @@ from beltid.uncertainty.sources import (
     with_sources,
 )
 
-Array = NDArray[np.float64]
-
-LEVEL: Final = 1.0  # mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical
-LEVEL_WIDTH: Final = 0.38  # standard deviation of ln mu at that point: half of ln(1.5 / 0.7)
+LEVEL, LEVEL_WIDTH = 1.0, 0.38
+"""mu of a dry ribbed belt at the middle of the knots, 0.7 to 1.5; standard deviation of ln mu."""
 FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15  # d ln mu / d ln f_N and its standard deviation
 SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15  # d ln mu / d ln v and its standard deviation
 
@@ -67,8 +63,7 @@ def sources_of_plan(
 
 def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
     """Return the mean of the prior, with which runs are simulated before any measurement."""
-    x = log_force - log_force.mean()
-    z = log_speed - log_speed.mean()
+    x, z = log_force - log_force.mean(), log_speed - log_speed.mean()
     log_mu = np.log(LEVEL) + FORCE_SLOPE * x[:, None] + SPEED_SLOPE * z
     return FrictionSurface(np.exp(log_force), np.exp(log_speed), np.exp(log_mu))
 
@@ -118,26 +113,26 @@ class NoiseLaw:
 
     def variance(self, measured: Measured) -> Array:
         """Return the variance of ln mu of each run (n,)."""
-        by_tension = np.square(self.tension) * _tension_share(measured)
+        by_tension = self.tension**2 * _tension_share(measured)
         return np.asarray(self.scale**2 * (self.friction**2 + by_tension + MODEL_ERROR**2))
 
 
-USUAL_NOISE: Final = NoiseLaw()
+USUAL_NOISE = NoiseLaw()
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
     """Fit (P6) to the squared standard errors of reduced runs, in relative misfits."""
     squares = np.square(measured.mu_se / measured.mu)
-    has_error = squares > 0.0
-    if not has_error.any():
+    known = squares > 0.0
+    if not known.any():
         raise InputError(
             "the runs have no standard errors, so their noise is unknown; state mu_se or "
             "rig.force_resolution_N when they are reduced, or plan without them"
         )
-    terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
-    scaled = terms[has_error] / squares[has_error, None]
-    friction, tension = np.sqrt(nnls(scaled, np.ones(scaled.shape[0]))[0])
-    return NoiseLaw(float(friction), float(tension), scale)
+    terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])[known]
+    variances, _ = nnls(terms / squares[known, None], np.ones(len(terms)))
+    friction, tension = np.sqrt(variances).tolist()
+    return NoiseLaw(friction, tension, scale)
 
 
 def _tension_share(measured: Measured) -> Array:
@@ -150,8 +145,8 @@ def settings_of_rig(
     arcs_deg: Sequence[float], tensions: Sequence[float], omegas: Sequence[float]
 ) -> list[OperatingPoint]:
     """List every combination of arcs [deg], tensions [N], speeds [rad/s]; the last varies most."""
-    every = itertools.product(arcs_deg, tensions, omegas)
-    return [OperatingPoint(math.radians(arc), T_0, omega) for arc, T_0, omega in every]
+    every = itertools.product(map(math.radians, arcs_deg), tensions, omegas)
+    return list(itertools.starmap(OperatingPoint, every))
 
 
 def simulate_candidates(
@@ -161,7 +156,7 @@ def simulate_candidates(
     known: SurfaceUncertainty | None,
     sources: Sequence[Source],
     noise: NoiseLaw = USUAL_NOISE,
-    columns: Mapping[str, float] = MappingProxyType({}),
+    columns: Mapping[str, float] | None = None,
     kind: RigKind = TWO_CELLS,
 ) -> tuple[RunRows, Measured, Curves]:
     """Simulate each setting once with the present surface, and differentiate it.
@@ -184,7 +179,7 @@ def simulate_candidates(
     log_mu = np.log(present.mu(np.exp(curves.log_force), speeds[:, None])).ravel()
     done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
     runs = simulated_runs(bench, points, arc, kind, done.tensions)
-    shared = {key: np.full((arc.size, 1), value) for key, value in columns.items()}
+    shared = {key: np.full((arc.size, 1), value) for key, value in (columns or {}).items()}
     shared[ARC] = done.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
     campaign = replace(campaign, measured=replace(runs, columns=shared))
     S, _ = residual_changes(campaign, sources, surfaces, speeds, done.speed_slope)
@@ -197,17 +192,13 @@ def knots_for(low: float, high: float, measured: FrictionSurface | None, count: 
         return np.linspace(np.log(low), np.log(high), count)
     nodes = np.log(measured.normal_force_N_m)
     first, last = nodes[1] - nodes[0], nodes[-1] - nodes[-2]
-    below = max(round((nodes[0] - np.log(low)) / first), 0)
-    above = max(round((np.log(high) - nodes[-1]) / last), 0)
-    lower = nodes[0] - first * np.arange(below, 0, -1)
-    return np.concatenate([lower, nodes, nodes[-1] + last * np.arange(1, above + 1)])
+    below = np.arange(round((nodes[0] - np.log(low)) / first), 0, -1)
+    above = np.arange(1, round((np.log(high) - nodes[-1]) / last) + 1)
+    return np.concatenate([nodes[0] - first * below, nodes, nodes[-1] + last * above])
 
 
 def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
     """Return the speeds [m/s] of a plan: those of a measured surface and the new ones."""
-    wanted = np.unique(wanted)
-    if measured is None:
-        return wanted
-    existing = measured.slip_speed_m_s
-    distance = np.abs(np.log(wanted[:, None] / existing)).min(axis=1)
+    existing = np.zeros(0) if measured is None else measured.slip_speed_m_s
+    distance = np.abs(np.log(np.divide.outer(wanted, existing))).min(axis=1, initial=np.inf)
     return np.union1d(existing, wanted[distance > SAME_SPEED])

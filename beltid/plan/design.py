@@ -25,9 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.refine.posterior import Curves
-from beltid.uncertainty.sources import FITTED, Source
-
-Array = NDArray[np.float64]
+from beltid.uncertainty.sources import FITTED, Array, Source
 
 TIE: Final = 1.0e-9  # relative difference of two variances that counts as equal; the first one wins
 ARCS: Final = 3  # fewest arcs of a plan, if the rig has as many and the plan twice as many runs

@@ -16,14 +16,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Posterior
+from beltid.mixed import Array, Posterior
 from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
@@ -39,26 +38,22 @@ from beltid.uncertainty.sources import (
     factor_of,
 )
 
-Array = NDArray[np.float64]
-
-KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
-MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
-MODEL_ERROR: Final = 2.0e-4
+KNOTS = 12  # over the range of the surface, and its nodes over the force
+MESH = 1.5  # number of elements over the default, so that the mesh adds no bias
+MODEL_ERROR = 2.0e-4
 """Relative error of a simulated coefficient: a mesh four times finer changes it by 0.002 to 0.02 %,
 an independent model differs by 0.007 %."""
-SHARES: Final = (5.0e-4, 5.0e-3)
+SHARES = (5.0e-4, 5.0e-3)
 """Shares of a run's normal load that act below the lowest knot, where the nearest value applies (a
 share of 0.5 % made the surface 0.02 to 0.04 % too high), and below the range of the surface."""
-MOST_ITERATIONS: Final = 40
-TOLERANCE: Final = 1.0e-5  # change of ln mu at which the iteration ends
-NEARLY: Final = 1.0e-4  # change of ln mu up to which a result is used with a warning
-LARGEST_CHANGE: Final = 0.5  # largest change of ln mu of a run in one iteration
-CHOICES: Final = 6  # number of iterations that choose weights and sizes again
-DECREASE: Final = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
-HALVINGS: Final = 7  # halvings of a step before it is given up
-NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
-OUTLIER: Final = 3.5  # misfit in standard errors beyond which a run loses weight
-LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
+MOST_ITERATIONS, CHOICES = 40, 6  # and how many of them choose weights and sizes again
+TOLERANCE, NEARLY = 1.0e-5, 1.0e-4  # change of ln mu at the end; used with a warning
+LARGEST_CHANGE = 0.5  # largest change of ln mu of a run in one iteration
+DECREASE, HALVINGS = 1.0e-4, 7
+"""Decrease of the misfit over that of its tangent that a step needs (Armijo), or it is halved."""
+NOTHING = 0.1  # misfit left to gain that is negligible: a third of a standard error
+OUTLIER, LEAST_SCALE = 3.5, 0.5
+"""Misfit over the median one beyond which a run loses weight; least median, in standard errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,17 +97,17 @@ def refine_surface(
     simulated, or if the iteration does not converge.
     """
     measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
-    rig, fits = RigRuns(campaign, speeds, MESH), list[Fit]()
+    rig, fits = RigRuns(campaign, speeds, MESH), list[Problem]()
     for _ in range(2):  # the second time with the knots where forces act with the first solution
-        problem = Problem(rig, start, measured, reference_degC)
-        fits.append(problem.solved(start))
-        start = problem.tabulated(problem.curves.B @ fits[-1].coordinates)
+        fits.append(Problem(rig, start, measured, reference_degC))
+        fits[-1].solve()
+        start = fits[-1].tabulated()
     first, fit = fits
-    curves, posterior, runs, q = problem.curves, fit.posterior, fit.runs, fit.coordinates.size
-    parameters, changes = curves.B @ fit.coordinates, np.zeros((n, len(sources)))
+    curves, posterior, runs, q = fit.curves, fit.posterior, fit.runs, fit.at.size
+    parameters, changes = curves.B @ fit.at, np.zeros((n, len(sources)))
     told, left = (np.zeros(0), np.zeros(0)), list(sources)
     if sources:
-        at = curves.surfaces(parameters), rig.speeds, fit.sweep.speed_slope
+        at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
         changes, _ = residual_changes(campaign, sources, *at)
         runs = replace(runs, shared=-changes)
         mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
@@ -122,29 +117,29 @@ def refine_surface(
             share = min(1.0, math.hypot(told[0][k], told[1][k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
-    gain, by_effect = runs.gain(posterior), [np.zeros((n, 0))]
-    for effect in runs.effects:
-        size = posterior.sizes[effect.key]
-        left += effect_sources(effect.key, size, effect.columns.shape[1])
-        by_effect.append(size * effect.columns)
-    shared = gain[:q] @ np.hstack([changes, *by_effect])
+    gain = runs.gain(posterior)
+    for e in runs.effects:
+        left += effect_sources(e.key, posterior.sizes[e.key], e.columns.shape[1])
+    by_effects = (posterior.sizes[e.key] * e.columns for e in runs.effects)
+    shared = gain[:q] @ np.hstack([changes, *by_effects])
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
-    by_errors, effective = gain @ changes, float(np.sum(gain * posterior.model.X[:, 0].T))
+    by_errors = gain @ changes
     noise = runs.variance(posterior.sizes) / np.square(runs.errors)
     warnings, iterations = list[str](), first.iterations + fit.iterations
     if not posterior.converged:
-        what = "the search for the sizes of noise and effects did not end"
-        warnings.append(f"{what}: the errors may be wrong")
+        warnings.append(
+            "the search for the sizes of noise and effects did not end: the errors may be wrong"
+        )
     if fit.still_changing > 0.0:
         warnings.append(
             f"no convergence in {iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
-    at_nodes = curves.at_nodes(problem.forces, curves.B @ shared)
-    scatter = curves.at_nodes(problem.forces, factor_of(curves.B @ own @ curves.B.T))
+    at_nodes = curves.at_nodes(fit.forces, curves.B @ shared)
+    scatter = curves.at_nodes(fit.forces, factor_of(curves.B @ own @ curves.B.T))
     of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
-    surface = problem.tabulated(parameters, np.linalg.norm(of_fit, axis=-1))
+    surface = fit.tabulated(np.linalg.norm(of_fit, axis=-1))
     return RefinedSurface(
         surface=surface,
         uncertainty=SurfaceUncertainty(
@@ -163,11 +158,11 @@ def refine_surface(
         posterior=posterior,
         covariance=posterior.covariance + by_errors @ by_errors.T,
         weight=fit.weight,
-        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
-        misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
+        misfit_before=first.misfit_before,
+        misfit_after=np.expm1(fit.done.log_mu - fit.log_mu),
         iterations=iterations,
         noise_scale=float(np.sqrt(np.mean(noise))),
-        effective_parameters=effective,
+        effective_parameters=float(np.sum(gain * posterior.model.X[:, 0].T)),
         warnings=tuple(warnings),
     )
 
@@ -189,9 +184,8 @@ def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
         force, weight = run.look_ups()
         J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
-    by_speed: Array = np.zeros((m, k))
-    if m > 1:
-        by_speed = np.asarray(np.gradient(parameters.reshape(m, k), curves.log_speed, axis=0))
+    of_speeds = parameters.reshape(m, k)
+    by_speed = np.gradient(of_speeds, curves.log_speed, axis=0) if m > 1 else 0.0 * of_speeds
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
@@ -210,22 +204,13 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     return float(lowest.min()), float(low.min()), float(peak.max())
 
 
-class Fit(NamedTuple):
-    """End of the iteration: coordinates after the last step, model and weights used for it."""
-
-    coordinates: Array
-    sweep: Sweep
-    runs: LinearRuns
-    posterior: Posterior
-    weight: Array  # of the runs: 1, less for outliers, (n,)
-    log_mu_before: Array
-    iterations: int
-    still_changing: float = 0.0
-    """Last change of ln mu of a run without convergence, at most `NEARLY`; else 0."""
-
-
 class Problem:
-    """The runs on the simulated rig and their measured values; knots where forces act."""
+    """The runs on the simulated rig and their measured values; knots where forces act.
+
+    After :meth:`solve`: the coordinates `at`, the runs `done` with them, the last linear model
+    `runs` with its `posterior` and the `weight` of each run (1, less for outliers), the number of
+    `iterations`, and `still_changing`, the last change of ln mu without convergence, else 0.
+    """
 
     def __init__(
         self, rig: RigRuns, start: FrictionSurface, measured: Measured, reference_degC: float | None
@@ -233,70 +218,72 @@ class Problem:
         lowest, low, high = acting_forces(rig, start)
         # as many knots as nodes over the surface, and more down to the lowest force
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
-        n_below = math.ceil((inside[0] - np.log(lowest)) / gap)
-        below = inside[0] - gap * np.arange(n_below, 0, -1)
+        below = inside[0] - gap * np.arange(math.ceil((inside[0] - np.log(lowest)) / gap), 0, -1)
         self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
         self.errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
+        log_mu = np.log(start.mu(np.exp(self.curves.log_force), rig.speeds[:, None]))
+        self.at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
+        self.done = sweep(rig, self.curves, self.curves.B @ self.at)
+        self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 
-    def tabulated(self, parameters: Array, relative: Array | None = None) -> FrictionSurface:
+    def tabulated(self, relative: Array | None = None) -> FrictionSurface:
         """Tabulate the curves at the nodes, with relative standard errors if they are known."""
+        parameters = self.curves.B @ self.at
         mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
         se = None if relative is None else mu * relative
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
-    def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
-        """Linearise the data about simulated runs, of sensitivity `response` to effects (n,)."""
+    def linearised(self, weight: Array, response: Array) -> LinearRuns:
+        """Linearise the data about the simulated runs; `response` (n,) is theirs to effects."""
         effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
-        y = self.log_mu - done.log_mu + done.J @ (self.curves.B @ at)
-        parts = {name: done.J @ columns for name, columns in self.curves.parts.items()}
+        y = self.log_mu - self.done.log_mu + self.done.J @ (self.curves.B @ self.at)
+        parts = {name: self.done.J @ columns for name, columns in self.curves.parts.items()}
         return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
 
-    def solved(self, start: FrictionSurface) -> Fit:
+    def solve(self) -> None:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
-        log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
-        at = np.asarray(np.linalg.solve(self.curves.B, log_mu.ravel()), dtype=float)
-        done = sweep(self.rig, self.curves, self.curves.B @ at)
-        before, residual, sizes = done.log_mu, np.zeros(self.log_mu.size), dict[str, float]()
+        residual, sizes = np.zeros(self.log_mu.size), dict[str, float]()
         for iteration in range(1, MOST_ITERATIONS + 1):
             if chosen := iteration <= CHOICES:
-                weight, response = _weights(residual), done.J.sum(axis=1)
-            runs = self.linearised(done, at, weight, response)
+                # outliers, judged by the median misfit, lose weight
+                scale = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SCALE)
+                self.weight = np.square(OUTLIER / np.maximum(np.abs(residual) / scale, OUTLIER))
+                response = self.done.J.sum(axis=1)
+            runs = self.linearised(self.weight, response)
             if chosen:
                 posterior = runs.choose(sizes)
             else:
                 posterior = replace(runs.model().at(sizes), converged=posterior.converged)
             sizes = posterior.sizes
-            residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
-            share, at, done, change, gain = self._descend(at, done, runs, posterior)
-            if share == 0.0 and gain <= NOTHING:
-                return Fit(at, done, runs, posterior, weight, before, iteration)
-            if share == 0.0 and iteration >= CHOICES:
+            residual = posterior.residual[:, 0] / np.sqrt(self.weight * runs.variance(sizes))
+            share, change, gain = self._descend(runs, posterior)
+            settled = share == 0.0 and gain <= NOTHING
+            if settled or (share == 0.0 and iteration >= CHOICES):
                 break
-        if change > NEARLY:
+        if not settled and change > NEARLY:
             raise ConvergenceError(
                 f"refined surface: no convergence in {iteration} iterations (last change of mu "
                 f"{100 * change:.2g} %)",
             )
-        return Fit(at, done, runs, posterior, weight, before, iteration, change)
+        self.runs, self.posterior, self.iterations = runs, posterior, iteration
+        self.still_changing = 0.0 if settled else change
 
-    def _descend(
-        self, at: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
-    ) -> tuple[float, Array, Sweep, float, float]:
+    def _descend(self, runs: LinearRuns, posterior: Posterior) -> tuple[float, float, float]:
         """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
 
-        Returned are it, where it leads, and of the whole step the largest change of ln mu of a run
-        and the decrease of the misfit; knots that carry no load may drift.
+        Returned are it and, of the whole step, the largest change of ln mu of a run and the
+        decrease of the misfit; knots that carry no load may drift.
         """
-        step, sizes = posterior.mean[: at.size] - at, posterior.sizes
-        effect = runs.X @ step
-        change = float(np.max(np.abs(effect)))
+        at, sizes = self.at, posterior.sizes
+        step = posterior.mean[: at.size] - at
+        change = float(np.max(np.abs(runs.X @ step)))
         if change <= TOLERANCE:
-            return 0.0, at, done, change, 0.0
-        gain = runs.misfit(effect, step, sizes)
-        initial = runs.misfit(self.log_mu - done.log_mu, at, sizes)
+            return 0.0, change, 0.0
+        gain = runs.misfit(runs.X @ step, step, sizes)
+        initial = runs.misfit(self.log_mu - self.done.log_mu, at, sizes)
         shares = min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS)
         for share, trial in zip(shares.tolist(), at + shares[:, None] * step, strict=True):
             try:
@@ -307,19 +294,14 @@ class Problem:
                 continue
             misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
             if misfit <= initial - share * 2.0 * DECREASE * gain:
-                return share, trial, simulated, change, gain
-        return 0.0, at, done, change, gain
+                self.at, self.done = trial, simulated
+                return share, change, gain
+        return 0.0, change, gain
 
 
-def _weights(misfit: Array) -> Array:
-    """Compute weights that are smaller for outliers, judged by the median misfit."""
-    scale = max(1.4826 * float(np.median(np.abs(misfit))), LEAST_SCALE)
-    return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
-
-
-CLEAR: Final = 3.0  # standard errors beyond which an effect is significant
-CONFOUNDED: Final = 0.9  # share explained by force and speed: variance inflated tenfold
-LEAST_EVIDENCE: Final = math.log(20.0)
+CLEAR = 3.0  # standard errors beyond which an effect is significant
+CONFOUNDED = 0.9  # share explained by force and speed: variance inflated tenfold
+LEAST_EVIDENCE = math.log(20.0)
 """Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
 
 
@@ -340,8 +322,8 @@ class ShownEffect(NamedTuple):
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = np.abs(found.stated_errors[0]).tolist()
-    rising = sorted(zip(sizes, found.stated, strict=True), key=lambda pair: pair[0])
+    sizes = zip(np.abs(found.stated_errors[0]).tolist(), found.stated, strict=True)
+    rising = sorted(sizes, key=lambda pair: pair[0])
     return {source.name: size for size, source in rising if size > CLEAR}
 
 
@@ -357,16 +339,13 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         clearest = np.argmax(apart @ mean / np.sqrt(np.einsum("nk,kl,nl->n", apart, C, apart)))
         rows[ARC], arcs = apart[clearest][None], tuple(arcs_deg[pairs[clearest]].tolist())
     rows |= {key: unit[key] for key in (ORDER, TEMPERATURE) if key in unit}
-    if COURSE in unit:
-        rows[COURSE] = columns[COURSE] @ unit[COURSE]
+    rows |= {COURSE: columns[COURSE] @ unit[COURSE]} if COURSE in unit else {}
     effects = list[ShownEffect]()
     for key, of in rows.items():
         sizes, u = of @ mean, math.sqrt(np.mean(np.einsum("nk,kl,nl->n", of, C, of)))
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
-        explained = math.nan
-        if key != ARC:
-            change = found.runs.response * (columns[key] @ (unit[key] @ mean))
-            explained = found.runs.explained(change, found.posterior.sizes)
+        change = found.runs.response * (columns[key] @ found.posterior.of(key)[0])
+        explained = math.nan if key == ARC else found.runs.explained(change, found.posterior.sizes)
         hidden = explained > CONFOUNDED
         large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
         clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search

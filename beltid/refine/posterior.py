@@ -18,20 +18,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size
+from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
-Array = NDArray[np.float64]
 Sizes = Mapping[str, float]
 
 FINE_NODES = 48  # nodes of a tabulated curve, over the range of the knots
@@ -40,26 +37,25 @@ BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run or
 STEP_OF_TEMPERATURE = 10.0  # K
 NOISE, SCATTER, SHARED_ERRORS = "noise", "scatter", "shared errors"
 LEVEL, CURVE, DIFFERENCE = "level", "curve", "difference"
-PRIORS: Final = {
+PRIORS = {
     NOISE: Size(1.0, 0.5, largest=20.0),  # the standard errors are right within a half
     SCATTER: Size(3.0e-3, 1.5, largest=0.3),
     CURVE: Size(0.045, 0.75, largest=3.0),  # curvatures of ln mu over ln f_N of about 0.1
     DIFFERENCE: Size(0.03, 1.0, largest=3.0),  # slopes differ by some hundredths
     SHARED_ERRORS: Size(1.0),
 }
-BEFORE: Final = {  # priors of the standard deviation of ln mu
+BEFORE = {  # priors of the standard deviation of ln mu
     ARC: Size(3.0e-3, 1.5, largest=0.3),
     ORDER: Size(1.0e-2, 1.5, largest=0.3),
     COURSE: Size(3.0e-3, 1.5, largest=0.3),
     TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
-IF_CORRECTED: Final = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
-WIDTHS: Final = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
-LEAST_NOISE: Final = 0.5  # few runs may fit by chance
-LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
-SMALL: Final = 1.0e-3
-GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
-ONE_SIGMA: Final = 0.6827
+IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
+WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
+LEAST_NOISE = 0.5  # few runs may fit by chance
+LARGE, SMALL = 3.0e-2, 1.0e-3  # sizes of one effect at the start of a search, and of the others
+GRID = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
+ONE_SIGMA = 0.6827
 
 
 @dataclass(frozen=True)
@@ -83,8 +79,7 @@ class Curves:
     def parts(self) -> dict[str, Array]:
         """Columns of B by the name of their part."""
         k, m = self.log_force.size, self.log_speed.size
-        x = (self.log_force - self.log_force.mean())[:, None]
-        D = np.diff(np.eye(m), axis=0)
+        x, D = (self.log_force - self.log_force.mean())[:, None], np.diff(np.eye(m), axis=0)
         between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
         parts = {
             LEVEL: np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
@@ -101,10 +96,9 @@ class Curves:
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
         log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        log_mu = values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T
-        rows = zip(self.log_speed, log_mu, strict=True)
-        force = np.exp(log_force)
-        return [FrictionSurface(force, [np.exp(v)], np.exp(row)[:, None]) for v, row in rows]
+        mu = np.exp(values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T)
+        rows = zip(np.exp(self.log_speed), mu[..., None], strict=True)
+        return [FrictionSurface(np.exp(log_force), [v], row) for v, row in rows]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""
@@ -200,11 +194,10 @@ class LinearRuns:
 
     def _best(self, start: Sizes) -> Posterior:
         """Fit from a start or, without one, from the medians and from each effect large in turn."""
-        model, effects = self.model(), [effect.key for effect in self.effects]
-        starts = [start]
-        if not start and len(effects) > 1:
-            starts += [{**dict.fromkeys(effects, SMALL), name: LARGE} for name in effects]
-        return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
+        small = {effect.key: SMALL for effect in self.effects}
+        others = [{**small, name: LARGE} for name in small] if not start and len(small) > 1 else []
+        fits = map(self.model().fit, [start, *others])
+        return max(fits, key=lambda fit: fit.log_evidence)
 
     def log_evidence_for(self, *keys: str) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
@@ -212,8 +205,8 @@ class LinearRuns:
         All sizes are chosen again without them, as others may explain the same.
         """
         others = tuple(effect for effect in self.effects if effect.key not in keys)
-        with_them, without = (runs._best({}) for runs in (self, replace(self, effects=others)))
-        return with_them.log_evidence - without.log_evidence
+        without = replace(self, effects=others)._best({})
+        return self._best({}).log_evidence - without.log_evidence
 
     def variance(self, sizes: Sizes) -> Array:
         """Return the noise variance of each run (n,)."""

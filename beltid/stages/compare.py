@@ -135,7 +135,7 @@ def agreement(
         },
         tables={
             "groups": list(result.groups),
-            "judged": result.verdict_table(),
+            "judged": list(result.judged),
             "averaged": rows_of(result.averaged, *result.averaged),
             "budget": budget,
         },

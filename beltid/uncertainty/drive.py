@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,12 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import BENDING, SLOWER, Errors, Source, factor_of
+from beltid.uncertainty.sources import BENDING, SLOWER, Array, Errors, Source, factor_of
 
-Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 Input = tuple[Drive, Sequence[DrivePoint]]
 
-SURFACE_VARIANCE: Final = 0.999
+SURFACE_VARIANCE = 0.999
 """Share of the variance of ln mu, over all nodes, of the changes of a surface that are solved."""
 
 
@@ -72,9 +70,7 @@ def drive_uncertainty(
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
     changes, by_string = _changes(drive, inputs, results, strings, slipping)
     shared, by_surface = np.split(changes, [len(sources)], axis=-1)
-    of_model = dict[Source, Array]()
-    if not rods:
-        of_model[BENDING] = without_bending(results)
+    of_model = {} if rods else {BENDING: without_bending(results)}
     limits = [replace(drive, slow_trend=share) for share in (0.0, 1.0)]
     if limits[0].friction is not limits[1].friction:
         ends, _ = _changes(drive, [(limit, points) for limit in limits], results, strings, rods)
@@ -137,9 +133,8 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
     for result in results:
         speed, loss, _, seating, slip = result.speeds.values()
         relative = np.hypot(0.14 * np.sqrt(np.abs(seating * loss)), slip) / np.abs(speed)
-        is_driver = np.arange(speed.size) == result.drive.driver
-        u = np.abs(speed) * np.max(relative)
-        rows.append(np.where(result.in_order(is_driver), 0.0, u))
+        is_driver = result.in_order(np.arange(speed.size) == result.drive.driver)
+        rows.append(np.where(is_driver, 0.0, np.abs(speed) * np.max(relative)))
     return np.array(rows)
 
 
@@ -151,8 +146,7 @@ def _solved(
     drive: Drive, points: Sequence[DrivePoint], method: Method, near: Results
 ) -> list[DriveResult | None]:
     """Solve points, each from a nearby result; None without a steady state."""
-    simulator = Simulator(drive, method)
-    solved: list[DriveResult | None] = []
+    simulator, solved = Simulator(drive, method), list[DriveResult | None]()
     for point, start in zip(points, near, strict=True):
         try:
             solved.append(simulator.solve(point, start))

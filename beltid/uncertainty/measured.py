@@ -17,7 +17,7 @@ from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
-from beltid.identify.surface.surface import Points, SurfaceGrid, grid_through
+from beltid.identify.surface.surface import ARC_GAP, Points, SurfaceGrid, surface_through
 from beltid.laws.capstan import (
     friction_coefficient,
     hub_force,
@@ -35,6 +35,7 @@ from beltid.uncertainty.sources import (
     PRESS,
     REDUCTION_SOURCES,
     RIG,
+    Array,
     Errors,
     Source,
     StandardUncertainties,
@@ -44,10 +45,6 @@ from beltid.uncertainty.sources import (
     reduction_sources,
     stated_sources,
 )
-
-Array = NDArray[np.float64]
-
-POINTS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +62,12 @@ class PressLaw:
         Force and segment length scale both of Eq. (3), a gain of the travel divides them by
         (1 + e) and (1 + e)².
         """
-        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
-        k = k + root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
-        k = k + self._per_compliance() * errors.at("machine_compliance")
+        scatter = root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
+        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3]) + scatter
+        k += self._per_compliance() * errors.at("machine_compliance")
         force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
-        force = force / (1.0 + errors.at("segment_length"))
-        travel = 1.0 + errors.at("press_displacement")
-        corrected = k * force / np.array([travel, travel**2])
+        travel = (1.0 + errors.at("press_displacement")) ** np.array([1.0, 2.0])
+        corrected = k * (force / (1.0 + errors.at("segment_length"))) / travel
         return np.asarray(np.maximum(corrected, 0.0))
 
     def _per_compliance(self) -> Array:
@@ -80,19 +76,17 @@ class PressLaw:
         A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
         f is projected on (delta, delta², f'(delta)), as the contact point is free.
         """
-        delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
+        delta = self.max_penetration_m * np.linspace(0.0, 1.0, 200)[1:]
         slope, force = self.law.stiffness(delta), self.law.force(delta)
         present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
         design = np.column_stack([delta, delta**2, slope])[:, present]
-        size = np.linalg.norm(design, axis=0)
-        force_change = slope * self.segment_length_m * force
-        change = np.zeros(3)
-        change[present] = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
+        size, change = np.linalg.norm(design, axis=0), np.zeros(3)
+        moved = slope * self.segment_length_m * force
+        change[present] = np.linalg.lstsq(design / size, moved, rcond=None)[0] / size
         return change[:2]  # the last one moves the contact point
 
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +146,7 @@ class Measured:
         beta = self.beta + errors.at("arc") + setting
         tight, slack, T_0 = self._corrected_tensions(errors, beta)
         T_0 = tension_given(self.given_force, tight, slack, T_0)
-        lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
-        if not lowest > 0.0:
+        if not np.min([tight, slack, beta, T_0]) > 0.0:
             raise InputError(
                 "uncertainty: an error of the load cells or of the arc is as large as a tension or "
                 f"an arc itself (lowest tension {np.min(self.slack):.3g} N, shortest arc "
@@ -168,10 +161,11 @@ class Measured:
             tight=tight,
             slack=slack,
         )
-        change = np.zeros(self.mu.size)
-        for key, columns in self.columns.items():
-            change += columns @ [errors.at(key, place) for place in range(columns.shape[1])]
-        return corrected.scattered(change)
+        changes = (
+            columns @ [errors.at(key, place) for place in range(columns.shape[1])]
+            for key, columns in self.columns.items()
+        )
+        return corrected.scattered(sum(changes, np.zeros(beta.size)))
 
     def scattered(self, change: Array) -> Self:
         """Return the runs with ln mu changed by `change` (n,) and the same force at rest.
@@ -179,14 +173,11 @@ class Measured:
         One tension rises and the other falls; a given tension, or a given sum, stays constant.
         """
         rise = self.mu * self.beta * np.expm1(change)  # of ln(tight/slack)
-        if self.given_force == "hub":
-            total, ratio = self.tight + self.slack, self.tight / self.slack * np.exp(rise)
-            tight, slack = total * ratio / (1.0 + ratio), total / (1.0 + ratio)
-        else:
-            tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
-            tight = self.tight * np.exp(tight_share * rise)
-            slack = self.slack * np.exp((tight_share - 1.0) * rise)
-        return replace(self, tight=tight, slack=slack)
+        tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0, "hub": 0.5}[self.given_force]
+        tight = self.tight * np.exp(tight_share * rise)
+        slack = self.slack * np.exp((tight_share - 1.0) * rise)
+        kept = (self.tight + self.slack) / (tight + slack) if self.given_force == "hub" else 1.0
+        return replace(self, tight=tight * kept, slack=slack * kept)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
         """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
@@ -210,10 +201,10 @@ class Measured:
         )
         at_rest = cell(0, self.T_0), cell(1, self.T_0)
         if not kind.has_torque:
-            one = 0.5 * (at_rest[0] + at_rest[1])
-            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else one
-        M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
-        M = M - errors.at("bearing_drag")
+            mean = 0.5 * (at_rest[0] + at_rest[1])
+            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else mean
+        measured = (self.tight - self.slack) * self.R
+        M = measured * (1.0 + errors.at("torque_gain")) - errors.at("bearing_drag")
         if kind.measures == "torque_hub":
             spans = replace(
                 kind.spans,
@@ -253,15 +244,11 @@ def measured_runs(
 
     n = len(rows)
     arc_deg, f, v, mu = map(known, POSITIVE)
-    errors = own_errors(columns)[rows]
+    errors, beta = own_errors(columns)[rows], np.radians(arc_deg)
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
-    beta = np.radians(arc_deg)
-    log_ratio = mu * beta
-    slack = f * R * log_ratio / np.expm1(log_ratio)
-    tight = slack * np.exp(log_ratio)
-    T_0 = known("initial_tension_N")
-    T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
-    spans = columns.get("torque_with")
+    slack = f * R * (mu * beta) / np.expm1(mu * beta)
+    tight, at_rest = slack * np.exp(mu * beta), known("initial_tension_N")
+    T_0 = np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
@@ -277,7 +264,7 @@ def measured_runs(
         kind=kind,
         given_force=given_force,
         momentum=np.nan_to_num(known("momentum_N")),
-        with_tight=None if spans is None else np.asarray(spans == "tight")[rows],
+        with_tight=columns["torque_with"][rows] == "tight" if "torque_with" in columns else None,
     )
 
 
@@ -312,27 +299,24 @@ def numbered_arcs(
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
     """Select the rows whose arc, force, speed and coefficient are positive numbers."""
-    values = {name: np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE}
-    values["slip_speed_m_s"] = np.abs(values["slip_speed_m_s"])
-    good = [np.isfinite(x) & (x > 0.0) for x in values.values()]
-    return np.asarray(rows[np.all(good, axis=0)])
+    values = np.array([columns[name] for name in POSITIVE], dtype=float)[:, rows]
+    values[2] = np.abs(values[2])  # the speed
+    return np.asarray(rows[np.all((values > 0.0) & (values < np.inf), axis=0)])
 
 
 def published_grid(measured: Measured) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
     of_runs = measured.normal_force, measured.slip_speed, measured.mu, measured.mu_se
-    return grid_through(Points(np.degrees(measured.beta), *of_runs))[0]
+    return surface_through(Points(np.degrees(measured.beta), *of_runs))[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
     """Return the change of ln mu at the nominal nodes (nf, nv), other minus nominal."""
-    surface = nominal.to_surface()
-    f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s[None, :]
+    f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s
     if other.mu.shape != nominal.mu.shape:  # nodes were added or removed
         return np.asarray(np.log(other.to_surface().mu(f, v) / nominal.mu))
-    by_f, by_v = surface.gradient(f, v)
-    f_step = np.log(other.normal_force_N_m / nominal.normal_force_N_m)[:, None]
-    v_step = np.log(other.slip_speed_m_s / nominal.slip_speed_m_s)[None, :]
+    by_f, by_v = nominal.to_surface().gradient(f, v)
+    f_step, v_step = np.log(other.normal_force_N_m[:, None] / f), np.log(other.slip_speed_m_s / v)
     along = (by_f * f * f_step + by_v * v * v_step) / nominal.mu
     return np.asarray(np.log(other.mu / nominal.mu) - along)
 
@@ -376,7 +360,7 @@ def friction_uncertainty(
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
     u = {name: np.full(len(columns["status"]), np.nan) for name in QUANTITIES.values()}
-    lines: list[dict[str, Any]] = []
+    lines = list[dict[str, Any]]()
     if not rows.size:  # a table may state coefficients without an arc
         return u, lines
     measured = measured_runs(columns, rows, R, kind)
@@ -387,10 +371,9 @@ def friction_uncertainty(
         corrected = measured.corrected(errors)
         return np.stack([corrected.mu, corrected.normal_force])
 
-    values = measured.mu, measured.normal_force
-    scatter = measured.mu_se / measured.mu, np.zeros(rows.size)
-    every = zip(QUANTITIES.items(), values, changes_by(sources, of_runs), scatter, strict=True)
-    for (quantity, name), value, change, own in every:
+    values, own_part = (measured.mu, measured.normal_force), measured.mu_se / measured.mu
+    each = values, changes_by(sources, of_runs), (own_part, 0.0 * own_part)
+    for (quantity, name), value, change, own in zip(QUANTITIES.items(), *each, strict=True):
         relative = change / value[:, None]
         u[name][rows] = value * np.hypot(np.linalg.norm(relative, axis=1), own)
         lines += budget(quantity, sources, relative, {"scatter of the samples": own})
@@ -405,13 +388,12 @@ def stiffness_uncertainty(
     Returns columns ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``, and one row per coefficient and
     source.
     """
-    sources = stated_sources(given, (PRESS,))
+    sources, none = stated_sources(given, (PRESS,)), np.zeros((2, 2))
     k = np.array([(law.k_linear_N_m2, law.k_quadratic_N_m3) for law in laws])
-    size, changes = np.where(k > 0.0, k, 1.0), []
+    size = np.where(k > 0.0, k, 1.0)
     scatter = np.array([(law.k_linear_se_N_m2, law.k_quadratic_se_N_m3) for law in laws]) / size
-    for law, of_law in zip(laws, k.tolist(), strict=True):
-        fit = np.zeros((2, 2)), law.max_penetration_m, segment_length_m
-        changes.append(changes_by(sources, PressLaw(NormalLaw(*of_law), *fit).coefficients))
+    fits = [PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws]
+    changes = [changes_by(sources, fit.coefficients) for fit in fits]
     relative = np.array(changes) / size[..., None]
     u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []
     for j, name in enumerate(("k_linear_N_m2", "k_quadratic_N_m3")):

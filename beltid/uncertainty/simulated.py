@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,21 @@ from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
-from beltid.uncertainty.sources import ARC, Errors, Source, budget, changes_by, reduction_sources
+from beltid.uncertainty.sources import (
+    ARC,
+    Array,
+    Errors,
+    Source,
+    budget,
+    changes_by,
+    reduction_sources,
+    with_sources,
+)
 
-Array = NDArray[np.float64]
-
-INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
+INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""
-STEP: Final = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
-MESH: Final = 2.0
+STEP = 2.0e-3  # relative step of the differences by the inputs; their error is of its order
+MESH = 2.0
 """Ratio of elements to the default: where contact points come and go, derivatives scatter more than
 values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
 
@@ -132,10 +139,11 @@ class RigRuns:
             if (key := tuple(inputs[i])) not in known:
                 belt, rig = bench.belt._replace(EI=EI, EA=EA), replace(bench.rig, R=R, span=span)
                 of_run = replace(bench, belt=belt, rig=rig, law=NormalLaw(*k))
-                own = mesh if isinstance(mesh, float) else mesh[i]
-                if isinstance(own, float):
-                    own = 2 * round(0.5 * own * (of_run.model(point).nodes.size - 1))
-                model = of_run.model(point, own)
+                if isinstance(mesh, float):
+                    default = of_run.model(point).nodes.size - 1
+                    model = of_run.model(point, 2 * round(0.5 * mesh * default))
+                else:
+                    model = of_run.model(point, mesh[i])
                 known[key] = model, lay_on(model)
             model, laid = known[key]
             self.models.append(replace(model, point=point))
@@ -143,16 +151,14 @@ class RigRuns:
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed."""
-        runs = []
-        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
-            run = model.with_surface(surfaces[j])
-            runs.append(Sliding(run, slide(run, laid), surfaces[j]))
-        return runs
+        each = [surfaces[j] for j in self.label]
+        runs = [model.with_surface(of) for model, of in zip(self.models, each, strict=True)]
+        return [Sliding(*of) for of in zip(runs, map(slide, runs, self._laid), each, strict=True)]
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
         """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
-        log_mu = np.log([run.mu for run in self.slide(surfaces)])
-        return np.asarray(log_mu + self.off_speed * speed_slope)
+        mu = [run.mu for run in self.slide(surfaces)]
+        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
 
 
 def residual_changes(
@@ -191,11 +197,11 @@ def residual_changes(
     return changes_by(sources, residual), slopes
 
 
-DIGITS: Final = 5  # of what is stored
-MESH_SHARE: Final = 0.4
+DIGITS = 5  # of what is stored
+MESH_SHARE = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-ARRAYS: Final = ("simulated", "difference", "scatter", "numerical", "by_setting")
+ARRAYS = ("simulated", "difference", "scatter", "numerical", "by_setting")
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,34 +222,26 @@ class RunsUncertainty:
     @classmethod
     def joined(cls, parts: Sequence[Self], runs: Sequence[str]) -> Self:
         """Join groups of runs, whose sources may differ, under the labels of all runs."""
-        sources = dict[tuple[str, int], Source]()
-        for source in (source for part in parts for source in part.sources):
-            sources.setdefault(source.key, source)
-        places = {key: k for k, key in enumerate(sources)}
+        sources = {source.key: source for part in parts for source in part.sources}
         arrays = {name: [getattr(part, name) for part in parts] for name in (*ARRAYS, "mu")}
-        for name in ("simulated", "difference"):
-            for k, part in enumerate(parts):
-                aligned = np.zeros((len(arrays[name][k]), len(places)))
-                aligned[:, [places[source.key] for source in part.sources]] = arrays[name][k]
-                arrays[name][k] = aligned
+        for k, part in enumerate(parts):
+            places = [[*sources].index(source.key) for source in part.sources]
+            for name in ("simulated", "difference"):
+                arrays[name][k] = arrays[name][k] @ np.eye(len(sources))[places]
         joined = {name: np.concatenate(values) for name, values in arrays.items()}
         return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
         """Return it as JSON data, with as many digits as an uncertainty needs."""
-        arrays = {}
-        for name in ARRAYS:
-            values = getattr(self, name)
-            short = [float(f"{x:.{DIGITS}g}") for x in values.ravel()]
-            arrays[name] = np.reshape(short, values.shape).tolist()
+        short = np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"), otypes=[float])
+        arrays = {name: short(getattr(self, name)).tolist() for name in ARRAYS}
         sources = [asdict(source) for source in self.sources]
         return {"sources": sources, "runs": list(self.runs), **arrays}
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     """Read the uncertainty in the metadata of a simulated recording; None if there is none."""
-    stored = extra.get("uncertainty")
-    if not stored:
+    if not (stored := extra.get("uncertainty")):
         return None
     arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
     sources = tuple(Source(**row) for row in stored["sources"])
@@ -270,15 +268,20 @@ def simulated_uncertainty(
     rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
     runs = rig.slide(surfaces)
     by_surface, scatter, speed_slope, response = np.zeros((n, len(sources))), *np.zeros((3, n))
+    shared = len(surface.sources)
     for i, run in enumerate(runs):
         v, (force, weight) = float(speeds[rig.label[i]]), run.look_ups()
-        shared, scatter[i] = _of_surface(surface, force, v, weight)
-        by_surface[i, : shared.size] = shared
+        if surface.factor is None:
+            relative = surface.mu_se_at(force, v) / surface.mu(force, v)
+            scatter[i] = np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0)
+        else:
+            columns = weight @ surface.factor_at(force, v)
+            by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
     tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
-    arc = campaign.measured.arc
-    by_arc = {ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]}
+    arcs = np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
+    by_arc = {ARC: response[:, None] * arcs}
     measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
@@ -299,27 +302,15 @@ def simulated_uncertainty(
     )
 
 
-def _of_surface(
-    surface: FrictionSurface, force: Array, speed: float, weight: Array
-) -> tuple[Array, float]:
-    """Return the change of ln mu of a run by each source of its surface, and by scatter."""
-    if surface.factor is not None:
-        columns = weight @ surface.factor_at(force, speed)
-        shared = len(surface.sources)
-        return columns[:shared], float(np.linalg.norm(columns[shared:]))
-    relative = surface.mu_se_at(force, speed) / surface.mu(force, speed)
-    return np.zeros(0), float(np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0))
-
-
-WITHIN: Final = 2.0
+WITHIN = 2.0
 """Standard uncertainties within which a difference says nothing about the model [-]."""
-SHOWN: Final = 3  # contributions that are named
-SETTINGS: Final = (
+SHOWN = 3  # contributions that are named
+SETTINGS = (
     ("initial_tension_N", "nominal_tension_N"),
     ("pulley_speed_rad_s", "pulley_speed_rad_s"),
 )
 """Column of the actual setting, and of the simulated one."""
-UNKNOWN: Final = (
+UNKNOWN = (
     "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
     "contains it): u_validation holds only that of the measured runs, and the scatter"
 )
@@ -347,8 +338,8 @@ def validated(
         """Return the values of a column; zero where they are missing."""
         return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else none
 
-    whole = column(measured, "mu_sliding_u", of_measured)
-    whole = np.where(whole > 0.0, whole, column(measured, "mu_sliding_se", of_measured)) / mu
+    whole, own = (column(measured, f"mu_sliding_{of}", of_measured) / mu for of in ("u", "se"))
+    whole = np.where(whole > 0.0, whole, own)
     of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
     shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
     is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
@@ -359,19 +350,16 @@ def validated(
         uncertainty = RunsUncertainty((), tuple(labels), *arrays)
     rows = [uncertainty.runs.index(label) for label in labels]
     # if the surface was built from these runs, an error of their reduction changes both
-    present = {source.error for source in uncertainty.sources}
-    added = [source for source in reduction_sources(shared) if source.error not in present]
-    sources = (*uncertainty.sources, *added)
-    difference = np.hstack([uncertainty.difference[rows], np.zeros((mu.size, len(added)))])
+    sources = with_sources(uncertainty.sources, reduction_sources(shared))
+    difference = np.zeros((mu.size, len(sources)))
+    difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
     for k, source in enumerate(sources):
         difference[:, k] -= shared.get(source.error, none)
-    missed = none
-    for slope, names in zip(uncertainty.by_setting[rows].T, SETTINGS, strict=True):
-        actual = np.abs(column(measured, names[0], of_measured))
-        nominal = np.abs(column(simulated, names[1], of_simulated))
-        both_known = (actual > 0.0) & (nominal > 0.0)
-        ratio = np.divide(actual, nominal, out=np.ones(mu.size), where=both_known)
-        missed = missed + slope * np.log(ratio)
+    actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
+    nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
+    known = (actual > 0.0) & (nominal > 0.0)
+    ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
+    missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
     of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
     parts = {
         "scatter of the measured runs": of_runs,
@@ -381,19 +369,20 @@ def validated(
     }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
     u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
-    result, known = replace(result, u_validation=u_validation), mu if is_known else mu * np.nan
-    rms = result.rms_error_over_uncertainty
+    known_u = np.where(u_validation > 0.0, u_validation, np.nan)
+    e_over_u = result.columns["relative_difference"] / known_u
+    result = replace(result, rms_over_u=float(np.sqrt(np.mean(np.square(e_over_u)))))
     columns = {
         "u_measured": whole * mu,
-        "u_input": u_input * known,
-        "u_numerical": numerical * known,
+        "u_input": u_input * (mu if is_known else np.nan),
+        "u_numerical": numerical * (mu if is_known else np.nan),
         "u_validation": u_validation * mu,
-        "e_over_u": result.error_over_uncertainty,
+        "e_over_u": e_over_u,
     }
     facts = {
         "n": int(mu.size),
-        "within_2u": int(np.count_nonzero(np.abs(columns["e_over_u"]) <= WITHIN)),
-        "rms_e_over_u": rms if np.isfinite(rms) else None,
+        "within_2u": int(np.count_nonzero(np.abs(e_over_u) <= WITHIN)),
+        "rms_e_over_u": result.rms_over_u if np.isfinite(result.rms_over_u) else None,
         "inputs_known": is_known,
     }
     lines = budget("difference", sources, difference, parts)
@@ -402,7 +391,6 @@ def validated(
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the largest contributions of a budget, in words."""
-    parts = [row for row in rows[:-1] if row["contribution_percent"] > 0.0]
-    parts.sort(key=lambda row: -row["contribution_percent"])
-    words = (f"{row['source']} {row['contribution_percent']:.2g} %" for row in parts[:SHOWN])
-    return ", ".join(words)
+    sizes = [(row["contribution_percent"], row["source"]) for row in rows[:-1]]
+    largest = sorted(sizes, key=lambda pair: -pair[0])[:SHOWN]
+    return ", ".join(f"{source} {size:.2g} %" for size, source in largest if size > 0.0)

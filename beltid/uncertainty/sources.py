@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from beltid.laws.friction_surface import FrictionSurface
 Array = NDArray[np.float64]
 
 STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
-PERCENT: Final = ("%", 0.01)
-DEGREE: Final = ("deg", math.pi / 180.0)
-NEWTON: Final = ("N", 1.0)
-MILLIMETRE: Final = ("mm", 1.0e-3)
+PERCENT, DEGREE = ("%", 0.01), ("deg", math.pi / 180.0)
+NEWTON, MILLIMETRE = ("N", 1.0), ("mm", 1.0e-3)
 
 RIG, BENT, MODEL, PRESS, DRIVE = "rig", "bent spans", "model", "press", "drive"
 ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"
@@ -43,7 +41,7 @@ class Kind(NamedTuple):
     rig, the contact law, a drive."""
 
 
-KINDS: Final = (
+KINDS = (
     Kind("tension_gain", "gain common to both load cells", PERCENT, 1, (RIG,)),
     Kind("cell_gain", "gain of each load cell", PERCENT, 2, (RIG,)),
     Kind("cell_hysteresis", "hysteresis of the load cells", PERCENT, 1, (RIG,)),
@@ -70,7 +68,7 @@ KINDS: Final = (
 )
 """All errors that can be stated."""
 
-REDUCTION_SOURCES: Final = {
+REDUCTION_SOURCES = {
     "shared_tail": "shape of the tail",
     "shared_drift": "common drift",
     "shared_cells": "cells as seen at rest",
@@ -78,7 +76,7 @@ REDUCTION_SOURCES: Final = {
 """Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
 ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
 TEMPERATURE = "temperature_effect"
-EFFECT_SOURCES: Final = {
+EFFECT_SOURCES = {
     ARC: "differences between arcs",
     ORDER: "change over the campaign",
     COURSE: "change over the campaign",
@@ -149,7 +147,7 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
 
 SURFACE = (RIG, MODEL, PRESS)
 """What changes a surface that is built with the simulated rig."""
-LAW: Final = "law"
+LAW = "law"
 
 
 def stated_sources(
@@ -168,26 +166,25 @@ def stated_sources(
     for result in results:
         if result == PRESS:
             sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
-        for kind in KINDS:
-            if result in kind.results and (size := u[kind.error]) > 0.0:
-                basis = STATED if kind.error in u.stated else ASSUMED
-                n = kind.places if isinstance(kind.places, int) else counts[kind.places]
-                shared = kind.name, kind.error
-                sources += [Source(*shared, k, size, *kind.unit, basis) for k in range(n)]
+        for kind in (kind for kind in KINDS if result in kind.results and u[kind.error] > 0.0):
+            basis = STATED if kind.error in u.stated else ASSUMED
+            shown = u[kind.error], *kind.unit, basis
+            n = kind.places if isinstance(kind.places, int) else counts[kind.places]
+            sources += [Source(kind.name, kind.error, k, *shown) for k in range(n)]
     return tuple(sources)
 
 
-BETWEEN_SPEEDS: Final = Source("interpolation between the speeds", "between_speeds")
-BENDING: Final = Source("string without bending stiffness", "without_bending")
-SLOWER: Final = Source(
+BETWEEN_SPEEDS = Source("interpolation between the speeds", "between_speeds")
+BENDING = Source("string without bending stiffness", "without_bending")
+SLOWER = Source(
     "friction slower than the slowest measured sliding", "slower_friction", basis=ASSUMED
 )
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     """Return the sources of the reduction that runs have columns for; each of unit size."""
-    known = (key for key in REDUCTION_SOURCES if key in columns and np.any(columns[key]))
-    return tuple(Source(REDUCTION_SOURCES[key], key) for key in known)
+    named = REDUCTION_SOURCES.items()
+    return tuple(Source(name, key) for key, name in named if np.any(columns.get(key, 0.0)))
 
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
@@ -254,9 +251,8 @@ def factor_of(covariance: Array) -> Array:
     kept = values > 1e-10 * values[-1]
     factor = vectors[:, kept] * np.sqrt(values[kept])
     # the sign of an eigenvector is arbitrary: fix it, so that all machines agree
-    largest = np.argmax(np.abs(factor), axis=0)
-    signs = np.sign(factor[largest, np.arange(factor.shape[1])])
-    return np.ascontiguousarray((factor * signs)[:, ::-1])
+    largest = np.take_along_axis(factor, np.argmax(np.abs(factor), axis=0)[None], axis=0)
+    return np.ascontiguousarray((factor * np.sign(largest))[:, ::-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,22 +282,21 @@ class SurfaceUncertainty:
         mu = self.surface.mu_nodes.ravel()
         rows = self.factor.reshape(mu.size, -1)
         rows = rows if rows.shape[1] else np.zeros((mu.size, 1))
-        u, factor = np.full(n_rows, np.nan), np.full((n_rows, rows.shape[1]), np.nan)
-        u[: mu.size], factor[: mu.size] = mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows
-        return {"mu_u": u, "mu_factor": factor}
+        table = np.column_stack([mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows])
+        table = np.pad(table, ((0, n_rows - mu.size), (0, 0)), constant_values=np.nan)
+        return {"mu_u": table[:, 0], "mu_factor": table[:, 1:]}
 
     def extra(self, force_range: tuple[float, float]) -> dict[str, Any]:
         """Return the sources of the factor's columns, and the budget over a force range [N/m]."""
-        low, high = force_range
-        f = self.surface.normal_force_N_m
+        f, (low, high) = self.surface.normal_force_N_m, force_range
         inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
-        inside = inside if inside.any() else np.ones(f.size, dtype=bool)
+        inside |= not inside.any()
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
         changes = self.changes[inside].reshape(scatter.size, len(self.sources))
-        part = {"scatter of the runs": scatter}
         stored = {
             "sources": [asdict(source) for source in self.sources],
             "arcs_deg": self.arcs_deg,
             "budget_force_N_m": [low, high],
         }
-        return {"uncertainty": stored, "budget": budget("surface", self.sources, changes, part)}
+        lines = budget("surface", self.sources, changes, {"scatter of the runs": scatter})
+        return {"uncertainty": stored, "budget": lines}

@@ -143,7 +143,7 @@ def test_each_tolerance_decides(name: str) -> None:
     assert compare_points(measured, simulated, {name: 0.0301}).passed
     failed = compare_points(measured, simulated, {name: 0.0299})
     assert not failed.passed
-    (row,) = failed.verdict_table()
+    (row,) = failed.judged
     found = pytest.approx(0.03)
     assert row == {"tolerance": name, "found": found, "allowed": 0.0299, "holds": False}
 
@@ -155,7 +155,7 @@ def test_differences_beyond_twice_their_uncertainty_fail_it(u: float, said: str)
     found = compare_points(measured, simulated, {"max_rms_relative_error": 0.05})
     assert found.verdict == "PASS: rms 2.00 % <= 5 %"
     assert found.against_uncertainty == ""
-    known = replace(found, u_validation=np.full(36, u))
+    known = replace(found, rms_over_u=0.02 / u)
     assert "error is 2 % RMS" in known.against_uncertainty
     assert said in known.against_uncertainty
     assert known.passed

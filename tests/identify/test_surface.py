@@ -16,11 +16,9 @@ from scipy.stats import t as student
 from beltid.errors import InputError
 from beltid.identify.surface.surface import (
     Curve,
-    Points,
     SurfaceResult,
     average,
     build_surface,
-    grid_of,
     surface_from_columns,
 )
 
@@ -124,14 +122,6 @@ def test_a_campaign_that_lacks_settings_costs_no_range() -> None:
     assert found.surface.mu(f, SPEEDS) == pytest.approx(complete.surface.mu(f, SPEEDS), rel=0.01)
 
 
-def test_arcs_that_share_no_force_give_a_surface() -> None:
-    data = bench("5pk")
-    keep = ((data["arc_deg"] == 40) & (data["f"] < 3500)) | (
-        (data["arc_deg"] == 82) & (data["f"] > 3900)
-    )
-    assert np.isfinite(build(data, keep).average.mu).all()
-
-
 def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
     result = build(bench("6pk"))
     columns = result.to_columns()
@@ -185,12 +175,16 @@ def bent(f: Array, v: Array, rise: float) -> Array:
     return law(f, v) * np.exp(rise * np.log(v / 0.01) ** 2 + 0.1 * rise * np.log(f / 3e3) ** 2)
 
 
-def test_runs_at_speeds_of_their_own_are_all_used() -> None:
+@pytest.mark.parametrize("own_arcs", [False, True])
+def test_runs_at_speeds_and_arcs_of_their_own_are_all_used(own_arcs: bool) -> None:
     for seed in range(2):
         data = scattered(120, 0.0, seed)
+        if own_arcs:
+            data["arc_deg"] = np.random.default_rng(seed).uniform(35.0, 120.0, 120)
         result = build(data)
         grid = result.average
         assert result.n_points == 120
+        assert not result.arcs
         # each run is near to a speed, each speed near to a run
         away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
         assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1
@@ -217,18 +211,6 @@ def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
         assert np.sqrt(np.mean(inner**2)) < 2e-3
     assert 0.7 < np.sqrt(np.mean(np.concatenate(pulls) ** 2)) < 1.3
     assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
-
-
-def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
-    data = scattered(60, 0.003, 2, rise=0.02)
-    result = build({**data, "arc_deg": np.random.default_rng(3).uniform(35.0, 120.0, 60)})
-    assert result.n_points == 60
-    assert not result.arcs
-    speeds = result.average.slip_speed_m_s
-    assert speeds[0] < 1.1 * data["v"].min()
-    assert speeds[-1] > data["v"].max() / 1.1
-    true = bent(result.average.normal_force_N_m[:, None], speeds, 0.02)
-    assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
 
 
 ROUNDING = 1e-12
@@ -345,16 +327,8 @@ def test_a_force_where_most_arcs_have_ended_takes_the_spread_of_its_neighbour():
 
 def test_one_tension_gives_a_surface_over_the_speed_alone():
     """Its force differs between arcs and speeds: the node is their geometric mean."""
-    found = grid_of(
-        Points(
-            np.array([40.0, 40.0, 80.0, 80.0]),
-            np.array([1000.0, 1000.0, 1600.0, 1600.0]),
-            np.array([0.01, 0.02, 0.01, 0.02]),
-            np.array([1.0, 1.2, 0.9, 1.1]),
-            np.full(4, 0.01),
-        )
-    )
-    grid, _ = average(*found[:2], True)
+    force, speed = [1000.0, 1000.0, 1600.0, 1600.0], [0.01, 0.02, 0.01, 0.02]
+    grid = build_surface([40, 40, 80, 80], force, speed, [1.0, 1.2, 0.9, 1.1], [0.01] * 4).average
     assert grid.normal_force_N_m == pytest.approx([math.sqrt(1000.0 * 1600.0)])
     assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]))
     assert np.all(grid.n_arcs == 2)
@@ -385,16 +359,10 @@ def test_half_way_between_two_runs_the_error_falls_by_root_two() -> None:
 
 
 def test_precise_repetitions_count_more_than_rough_ones() -> None:
-    points = Points(
-        arc_deg=np.full(3, 40.0),
-        f=np.array([1000.0, 1000.0, 2000.0]),
-        v=np.full(3, 0.01),
-        mu=np.array([1.0, 1.3, 0.9]),
-        se=np.array([0.01, 0.02, 0.01]),
-    )
-    grid = grid_of(points)
-    assert grid is not None
-    ((one,),) = grid[0]
-    assert one.f == pytest.approx([1000.0, 2000.0])
-    assert one.mu == pytest.approx([1.06, 0.9])  # weights 4 : 1
-    assert one.se == pytest.approx([0.02 / np.sqrt(5), 0.01])
+    mu, se = [1.0, 1.3, 0.9], [0.01, 0.02, 0.01]
+    result = build_surface([40.0] * 3, [1000.0, 1000.0, 2000.0], [0.01] * 3, mu, se)
+    grid = result.average
+    assert grid.normal_force_N_m == pytest.approx([1000.0, 2000.0])
+    assert grid.mu[:, 0] == pytest.approx([1.06, 0.9])  # weights 4 : 1
+    assert grid.mu_se[:, 0] == pytest.approx([0.02 / np.sqrt(5), 0.01])
+    assert any("1 runs repeat the force of another" in note for note in result.notes)

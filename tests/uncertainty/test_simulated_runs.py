@@ -82,15 +82,10 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
     np.testing.assert_allclose(found.difference - plain.difference, change, atol=1e-12)
     np.testing.assert_allclose(found.scatter, OWN * by_sensitivity, rtol=0.02)
     np.testing.assert_allclose(found.mu, plain.mu, rtol=1e-12)
-
-
-def test_without_a_covariance_the_standard_errors_add_up(
-    plain: RunsUncertainty, by_sensitivity: np.ndarray
-) -> None:
+    simulated = [log_mu(scaled(1.0), point) for point in POINTS]
+    np.testing.assert_allclose(np.log(plain.mu), simulated, atol=1e-9)
+    # without a covariance the standard errors add up
     np.testing.assert_allclose(plain.scatter, OWN * by_sensitivity, rtol=0.05)
-    np.testing.assert_allclose(
-        np.log(plain.mu), [log_mu(scaled(1.0), point) for point in POINTS], atol=1e-9
-    )
 
 
 def test_slopes_by_the_settings_are_those_of_runs_simulated_anew(plain: RunsUncertainty) -> None:

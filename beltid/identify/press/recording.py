@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import (
+    Array,
     difference_sigma,
     integrated_autocorrelation_time,
     mad_sigma,
@@ -25,11 +26,9 @@ from beltid.identify.estimators import (
     spike_mask,
 )
 
-Array = NDArray[np.float64]
-
 CYCLES = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}
 
-MIN_SAMPLES = 20  # minimum number of usable samples of a test
+MIN_SAMPLES, MIN_BRANCH_SAMPLES = 20, 8  # usable in a test; per branch in the range of the fit
 SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
@@ -37,7 +36,6 @@ MIN_OVER_NOISE = 10.0  # rise of the force, and travel, over the noise that prov
 CONTACT_SHARE = 0.01
 """Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
 one and the belt may stick to the plate or stay compressed."""
-MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
 MOST_NODES = 40  # per curve
 TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 COLUMNS = ("displacement_mm", "force_N", "temperature_degC")
@@ -121,9 +119,9 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
     notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
     loops = {k: test for k, test in tests.items() if any(c.unloads for c in test.curves)}
-    for label in [label for label in tests if loops and label not in loops]:
-        set_aside.append((label, f"test {label}: never unloaded, while other tests are"))
     used = loops or tests
+    never = (label for label in tests if label not in used)
+    set_aside += [(k, f"test {k}: never unloaded, while other tests are") for k in never]
     if not used:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     return PressRecording(
@@ -142,22 +140,19 @@ def _read_test(
     samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples).all(axis=0)
     samples = samples[:, ~missing]
-    spikes = np.zeros(samples.shape[1], dtype=bool)
-    if spikes.size >= MIN_SAMPLES:
-        spikes = spike_mask(samples[0], SPIKE) | spike_mask(samples[1], SPIKE)
-        samples = samples[:, ~spikes]
+    spikes = spike_mask(samples[0], SPIKE) | spike_mask(samples[1], SPIKE)
+    samples = samples[:, ~spikes]
     if samples.shape[1] < MIN_SAMPLES:
         raise InputError(f"{samples.shape[1]} usable samples, must be at least {MIN_SAMPLES}")
     force_sign, travel_sign = _signs(*samples)
     travel, force = samples * [[travel_sign], [force_sign]]
-    noise = difference_sigma(force, 2)
-    rise = float(np.max(force) - np.quantile(force, 0.01))
+    noise, shakes = difference_sigma(force, 2), difference_sigma(travel, 2)
+    rise, travelled = float(np.max(force) - np.quantile(force, 0.01)), spread(travel)
     if rise <= MIN_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
             f"no contact found: the force rises by {rise:.3g} N over a noise of {noise:.3g} N, "
             f"must be more than {MIN_OVER_NOISE:g} times the noise"
         )
-    travelled, shakes = spread(travel), difference_sigma(travel, 2)
     if travelled <= MIN_OVER_NOISE * shakes:
         raise InputError(
             f"the crosshead moves by {travelled * 1e3:.3g} mm with a noise of {shakes * 1e3:.3g} "
@@ -187,8 +182,7 @@ def _read_test(
     }
     samples = np.array([position, force / length])
     curves = [_curve(k, cycles[k], samples, noise / length, of_test) for k in kept]
-    used = ", ".join(map(str, kept))
-    of_cycles = f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {used}"
+    found = f"{len(cycles)} cycles found, {len(complete)} unloaded"
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
@@ -196,7 +190,7 @@ def _read_test(
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
         (not complete, "never unloaded"),
-        (len(cycles) > 1, of_cycles),
+        (len(cycles) > 1, f"{found}, used: {', '.join(map(str, kept))}"),
     )
     notes = tuple(text for applies, text in changes if applies)
     return PressRecording(tuple(curves), (), int(missing.sum()), int(spikes.sum()), notes)
@@ -252,14 +246,13 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
     rising = force[: int(np.argmax(force - level >= 0.5 * (top - level))) + 1]
     below = np.flatnonzero(rising < level + max(6.0 * noise, 5e-3 * (top - level)))
     end = int(below[-1]) + 1 if below.size else 0
-    moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
-    free = slice(0, max(3 * end // 4, 3))
+    moved = float(np.max(travel[:end], initial=travel[0]) - travel[0])
     in_contact = end < FEWEST_FREE or moved < 0.01 * spread(travel)
     if not in_contact:  # unless the force rises here almost as fast as afterwards
         progress = np.maximum.accumulate(travel[: rising.size])
         stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
         if stop - end >= 2:
-            parts = free, slice(end - 1, stop + 1)
+            parts = slice(max(3 * end // 4, 3)), slice(end - 1, stop + 1)
             slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in parts]
             in_contact = slopes[0] > 0.3 * slopes[1]
     if in_contact:
@@ -297,13 +290,13 @@ def find_cycles(travel: Array, force: Array) -> dict[int, tuple[slice, ...]]:
     """
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
     turns = turning_points(travel, least).tolist()
-    cycles: list[tuple[slice, ...]] = []
+    cycles = list[tuple[slice, ...]]()
     for start, peak, stop in zip(turns, turns[1:], [*turns[2:], turns[-1]], strict=False):
-        top = float(np.max(force[start : stop + 1]))
-        if travel[peak] > travel[start] and top >= 0.5 * float(np.max(force)):
-            unloaded = stop > peak and float(np.min(force[peak : stop + 1])) < 0.5 * top
-            branches = slice(start, peak + 1), slice(peak, stop + 1)
-            cycles.append(branches if unloaded else branches[:1])
+        up, down = slice(start, peak + 1), slice(peak, stop + 1)
+        top = np.max(force[start : stop + 1])
+        if travel[peak] > travel[start] and top >= 0.5 * np.max(force):
+            unloaded = stop > peak and np.min(force[down]) < 0.5 * top
+            cycles.append((up, down) if unloaded else (up,))
     if not cycles:
         raise InputError("no loading found: the crosshead never moves into the belt")
     return dict(enumerate(cycles, 1))
@@ -320,8 +313,7 @@ def _curve(
     branches = [samples[:, part] for part in parts]
     threshold = max(CONTACT_SHARE * max(np.max(f) for _, f in branches), 6.0 * noise_N_m)
     # from the peak towards the open plate
-    outward = [branches[0][:, ::-1], *branches[1:]]
-    begins = [_contact_begin(branch, threshold) for branch in outward]
+    begins = [_contact_begin(x, threshold) for x in (branches[0][:, ::-1], *branches[1:])]
     # stay five standard deviations off the ends, where noise decides which samples belong
     noise_m = difference_sigma(samples[0], 2)
     low = max(begins) + 5.0 * noise_m

@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +31,7 @@ from beltid.identify.press.recording import (
     read_recording,
 )
 from beltid.laws.penalty import NormalLaw
-from beltid.mixed import Mixed, Own, Posterior, Shared, Size, relinearised
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size, relinearised
 
 Sizes = Mapping[str, float]
 
@@ -47,16 +44,14 @@ PRIORS = {
 """Of the sizes, as shares of the force (segment, temperature per 50 K) or of its largest."""
 REVERSAL = Size(1.0)  # of the part of the missing width of the loop that is due to a reversal
 LOOP = Size(0.1)  # half the loop of a belt that was never unloaded, over the force: half of 20 %
-DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
-LINE_FORCE_N_M = (1.0e2, 1.0e6)
-REACH: Final = 0.3  # travel over which that part may vary, over the deepest penetration
-CORRELATION: Final = 0.05  # length of the correlated noise, over the deepest penetration
-SMOOTH: Final = 0.15  # length of the misfit
-KNOTS: Final = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
-PER_KELVIN: Final = 1.0 / 50.0
-ROUNDING: Final = 1e-6  # of a force, over the largest
-LARGEST_MISFIT: Final = 0.1  # of a law with a coefficient at zero, over the largest force
-LEAST_FORCE: Final = 0.1  # share of the largest force from which on relative misfits count
+DEPTH_M, LINE_FORCE_N_M = (2.0e-6, 5.0e-3), (1.0e2, 1.0e6)  # ranges for belt ribs
+REACH = 0.3  # travel over which that part may vary, over the deepest penetration
+CORRELATION, SMOOTH = 0.05, 0.15  # lengths of noise and misfit, over the deepest penetration
+KNOTS = np.linspace(0.0, 1.0, 12)  # where its values are unknowns
+PER_KELVIN = 1.0 / 50.0
+ROUNDING = 1e-6  # of a force, over the largest
+LARGEST_MISFIT = 0.1  # of a law with a coefficient at zero, over the largest force
+LEAST_FORCE = 0.1  # share of the largest force from which on relative misfits count
 SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
 RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
 CLEAR = 2.6  # standard errors beyond which a slope is significant
@@ -69,7 +64,9 @@ class LawEstimate:
     temperature_degC: float | None  # mean of the tests; None for the pooled law
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
-    covariance: tuple[float, float, float, float]  # of both coefficients, row by row
+    k_linear_se_N_m2: float  # their standard errors
+    k_quadratic_se_N_m3: float
+    covariance: tuple[float, ...]  # of both coefficients, row by row
     temperature_slope: tuple[float, float]  # relative change of the force per K, standard error
     sizes: dict[str, float]  # of the random effects: shares of the force or of its largest
     contact_offset_mm: float  # mean crosshead travel at the contact point
@@ -86,23 +83,16 @@ class LawEstimate:
     warnings: tuple[str, ...]
 
     @property
-    def k_linear_se_N_m2(self) -> float:
-        """Standard error of k_linear [N/m²]."""
-        return math.sqrt(self.covariance[0])
-
-    @property
-    def k_quadratic_se_N_m3(self) -> float:
-        """Standard error of k_quadratic [N/m³]."""
-        return math.sqrt(self.covariance[3])
-
-    @property
     def law(self) -> NormalLaw:
         """Normal law of Eq. (3)."""
         return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
 
 
 class _Scaled:
-    """Nodes of the curves, padded to (R, m): positions over the span, forces over the largest."""
+    """Nodes of the curves, padded to (R, m): positions over the span, forces over the largest.
+
+    A coefficient of the law that would be negative is `held` at zero.
+    """
 
     def __init__(self, curves: Sequence[PressCurve], reference_degC: float) -> None:
         self.span = max(c.top_position_m - c.touch_m for c in curves)
@@ -113,11 +103,12 @@ class _Scaled:
         self.f = _padded([c.middle_N_m / top for c in curves])
         self.turn = _padded([c.turn_N_m / top for c in curves])  # what a reversal may add
         self.zero = np.array([[c.zero_u_N_m / top] for c in curves])  # uncertainties (R, 1)
-        warmer = [[c.temperature_degC - reference_degC] for c in curves]
-        self.warmer = PER_KELVIN * np.nan_to_num(np.array(warmer))  # (T - T_ref)/50 K, (R, 1)
-        noise = [difference_sigma(c.middle_N_m, 3) for c in curves]
-        self.noise = max(float(np.median(noise)) / top, ROUNDING)  # of a node
+        warmer = np.array([[c.temperature_degC - reference_degC] for c in curves])
+        self.warmer = PER_KELVIN * np.nan_to_num(warmer)  # (T - T_ref)/50 K, (R, 1)
+        noise = np.median([difference_sigma(c.middle_N_m, 3) for c in curves]) / top
+        self.noise = Size(max(float(noise), ROUNDING), 0.7, 0.3)  # of a node
         self.unloads = curves[0].unloads
+        self.held = np.zeros(2, dtype=bool)
 
     def start(self) -> tuple[Array, Array]:
         """Return k and contact points from a parabola through every curve (closed form)."""
@@ -133,35 +124,33 @@ class _Scaled:
         y = 2.0 * np.maximum(self.f, 0.0) / np.maximum(k[0] + root, 1e-9)
         return k, np.sum((self.x - y) * self.used, axis=1) / self.used.sum(axis=1)
 
-    def design(self, k: Array, p: Array, held: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    def design(self, k: Array, p: Array) -> tuple[Array, Array, Array]:
         """Return penetrations, forces (R, m) and derivatives; none by what is held."""
         y = np.maximum(self.x - p[:, None], 0.0)
         terms = np.stack([y, y**2], axis=-1)
         slope = -(k[0] + 2.0 * k[1] * y)[..., None] * np.eye(len(p))[:, None, :]
-        columns = np.concatenate([terms * ~held, slope], axis=-1) * self.used[..., None]
+        columns = np.concatenate([terms * ~self.held, slope], axis=-1) * self.used[..., None]
         return y, terms @ k, columns
 
     def misfit(self, y: Array, columns: Array) -> Array:
         """Return columns of the misfit (R, m, 12): what the law itself cannot take up of it."""
-        smooth = np.sqrt(np.maximum(self.f, 0.0)) * self.used
-        smooth = smooth[..., None] * _smooth(y / np.max(y * self.used))
+        amplitude = np.sqrt(np.maximum(self.f, 0.0)) * self.used
+        smooth = amplitude[..., None] * _smooth(y / np.max(y * self.used))
         T, flat = columns.reshape(-1, columns.shape[-1]), smooth.reshape(-1, KNOTS.size)
         return (flat - T @ np.linalg.lstsq(T, flat, rcond=1e-12)[0]).reshape(smooth.shape)
 
-    def model(
-        self, q: Array, held: NDArray[np.bool_], known: Sizes, y0: Array, misfit: Array
-    ) -> Mixed:
+    def model(self, q: Array, known: Sizes, y0: Array, misfit: Array) -> Mixed:
         """Linearise the model about q = (k, p); the random effects are those at penetrations y0."""
-        size = {"noise": Size(self.noise, 0.7, 0.3), **PRIORS}
-        size |= {name: Size(value) for name, value in known.items()}
+        size = {"noise": self.noise, **PRIORS, **{name: Size(s) for name, s in known.items()}}
         used, s = self.used, y0 / np.max(y0 * self.used)
-        _, F, columns = self.design(q[:2], q[2:], held)
-        fixed = np.diag(np.pad(1.0 * held, (0, q.size - 2)))  # what has no column, at zero
-        shared = [Shared("law", columns, precision=fixed)]
-        shared.append(Shared("misfit", misfit, size["misfit"]))
+        _, F, columns = self.design(q[:2], q[2:])
+        fixed = np.diag(np.pad(1.0 * self.held, (0, q.size - 2)))  # what has no column, at zero
+        shared = [
+            Shared("law", columns, precision=fixed),
+            Shared("misfit", misfit, size["misfit"]),
+        ]
         if np.any(self.warmer):
-            slope = F * self.warmer * used
-            shared.append(Shared("temperature", slope, size["temperature"]))
+            shared.append(Shared("temperature", F * self.warmer * used, size["temperature"]))
         if not self.unloads:
             loop = np.stack([F, np.max(F) * s * (1.0 - s)], axis=-1) * used[..., None]
             shared.append(Shared("loop", loop, LOOP))
@@ -169,7 +158,7 @@ class _Scaled:
             turn = np.stack([self.turn, self.turn * (1.0 - s) / REACH], axis=-1)
             shared.append(Shared("reversal", turn, REVERSAL))
         near = np.exp(-np.abs(s[:, :, None] - s[:, None, :]) / CORRELATION)
-        near = near * used[:, :, None] * used[:, None, :]
+        near *= used[:, :, None] * used[:, None, :]
         own = [
             Own("noise", size["noise"], diagonal=used),
             Own("correlated", size["correlated"], covariance=near),
@@ -207,25 +196,25 @@ def fit_law(
     """
     data = _Scaled(curves, reference_degC)
     start, contact = data.start()
-    held = start <= 0.0
-    if held.any():  # refused before the noise of such a fit is looked for
-        _held_note(data, start, contact, held)
-    k, p, posterior = _mode(data, start, contact, held, known or {})
+    data.held = start <= 0.0
+    _held_note(data, start, contact)  # refused before the noise of such a fit is looked for
+    k, p, posterior = _mode(data, start, contact, known or {})
     if np.any(k < 0.0):
-        held = held | (k < 0.0)
-        if held.all():
+        data.held = data.held | (k < 0.0)
+        if data.held.all():
             raise FitError("the force falls with penetration, must rise")
-        k, p, posterior = _mode(data, np.where(held, 0.0, start), contact, held, known or {})
-    unit = data.top / data.span ** np.array([1.0, 2.0])
-    misfit, note = _misfit(data, posterior, data.design(k, p, held)[1]), ""
-    covariance = posterior.covariance[:2, :2] * np.outer(~held, ~held)
-    if held.any():
-        covariance[held, held] = _se_of_held(data, k, p, held, posterior) ** 2
-        note = _held_note(data, k, p, held)
-    slope, slope_se = 0.0, 0.0
-    if "temperature" in posterior.sizes:
-        mean, variance = posterior.of("temperature")
-        slope, slope_se = PER_KELVIN * float(mean[0]), PER_KELVIN * math.sqrt(variance[0, 0])
+        k, p, posterior = _mode(data, np.where(data.held, 0.0, start), contact, known or {})
+    unit, free = data.top / data.span ** np.array([1.0, 2.0]), ~data.held
+    place, F = posterior.model.places["misfit"], data.design(k, p)[1]
+    off = np.abs(posterior.model.X[..., place] @ posterior.mean[place])
+    high = (LEAST_FORCE * np.max(F * data.used) <= F) & (data.used > 0.0)
+    misfit = float(np.max(off[high] / F[high]))
+    covariance = posterior.covariance[:2, :2] * np.outer(free, free)
+    if data.held.any():
+        covariance[data.held, data.held] = _se_of_held(data, k, p, posterior) ** 2
+    none = np.zeros(1), np.zeros(1)
+    warming = posterior.of("temperature") if np.any(data.warmer) else none
+    slope, variance = (float(x.item()) for x in warming)
     white = posterior.sizes["noise"] ** 2
     share = white / (white + posterior.sizes["correlated"] ** 2 / CORRELATION / data.x.shape[1])
     law = NormalLaw(*(k * unit).tolist())
@@ -240,14 +229,16 @@ def fit_law(
     loss = max(float(work[0] / work[1]), 0.0) if data.unloads else math.nan
     depth = float(np.max([c.top_position_m for c in curves] - contact))
     top = max(c.top_force_N_m for c in curves)
-    notes, warnings = _findings(data.unloads, misfit, note, posterior.sizes["segment"])
-    warnings = (*_other_units(depth, top), *warnings)
+    held, segment = _held_note(data, k, p), posterior.sizes["segment"]
+    notes, warnings = _findings(depth, top, data.unloads, misfit, held, segment)
     return LawEstimate(
         temperature_degC=temperature_degC,
         k_linear_N_m2=law.k_linear_N_m2,
         k_quadratic_N_m3=law.k_quadratic_N_m3,
-        covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
-        temperature_slope=(slope, slope_se),
+        k_linear_se_N_m2=math.sqrt(covariance[0, 0]),
+        k_quadratic_se_N_m3=math.sqrt(covariance[1, 1]),
+        covariance=tuple(covariance.ravel().tolist()),
+        temperature_slope=(PER_KELVIN * slope, PER_KELVIN * math.sqrt(variance)),
         sizes=posterior.sizes,
         contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
@@ -264,41 +255,30 @@ def fit_law(
     )
 
 
-def _mode(
-    data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_], known: Sizes
-) -> tuple[Array, Array, Posterior]:
+def _mode(data: _Scaled, k: Array, p: Array, known: Sizes) -> tuple[Array, Array, Posterior]:
     """Return coefficients (zero if held), contact points and the posterior."""
-    y, _, columns = data.design(k, p, held)
+    y, _, columns = data.design(k, p)
     misfit = data.misfit(y, columns)
-    q, posterior = relinearised(lambda q: data.model(q, held, known, y, misfit), np.append(k, p))
+    q, posterior = relinearised(lambda q: data.model(q, known, y, misfit), np.append(k, p))
     return q[:2], q[2:], posterior
 
 
-def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
-    """Return the largest misfit of the law over the force, above a tenth of the largest."""
-    place = posterior.model.places["misfit"]
-    b = np.abs(posterior.model.X[..., place] @ posterior.mean[place])
-    high = (LEAST_FORCE * np.max(F * data.used) <= F) & (data.used > 0.0)
-    return float(np.max(b[high] / F[high]))
-
-
-def _se_of_held(
-    data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_], posterior: Posterior
-) -> float:
+def _se_of_held(data: _Scaled, k: Array, p: Array, posterior: Posterior) -> float:
     """Return the standard error of a coefficient that is held at zero, were it free."""
     model, y = posterior.model, np.maximum(data.x - p[:, None], 0.0)
-    column = y**2 if held[1] else np.ones(y.shape)
+    column = y**2 if data.held[1] else np.ones(y.shape)
     shared = [*model.shared, Shared("held", column * data.used)]
     wider = Mixed(model.y, shared, model.own).at(posterior.sizes)
     se = math.sqrt(wider.of("held")[1][0, 0])
-    return se if held[1] else math.sqrt(4.0 * float(k[1]) * se)
+    return se if data.held[1] else math.sqrt(4.0 * float(k[1]) * se)
 
 
-def _held_note(data: _Scaled, k: Array, p: Array, held: NDArray[np.bool_]) -> str:
-    """Say which coefficient would be negative; refuse a law that misses by far."""
-    F = data.design(k, p, held)[1]
-    largest = float(np.max(np.abs((data.f - F) * data.used)))
-    name, form = ("k_linear", "purely quadratic") if held[0] else ("k_quadratic", "linear")
+def _held_note(data: _Scaled, k: Array, p: Array) -> str:
+    """Say which coefficient is held at zero, if any; refuse a law that misses by far."""
+    if not data.held.any():
+        return ""
+    largest = float(np.max(np.abs((data.f - data.design(k, p)[1]) * data.used)))
+    name, form = ("k_linear", "purely quadratic") if data.held[0] else ("k_quadratic", "linear")
     text = (
         f"{name} would be negative and is held at zero: a {form} law, off by up to "
         f"{100 * largest:.2g} % of the largest force"
@@ -340,13 +320,12 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         except NumericsError as error:
             notes.append(f"No law of the tests at {t:g} °C alone: {error}.")
     matters, statement = _temperature_effect(groups, *pooled.temperature_slope)
-    both_terms = min(pooled.k_linear_N_m2, pooled.k_quadratic_N_m3) > 0.0
-    supported = pooled.misfit < RELEVANT and both_terms
-    verdict = "supported" if supported else "not supported"
+    coefficients = pooled.k_linear_N_m2, pooled.k_quadratic_N_m3
+    supported = pooled.misfit < RELEVANT and min(coefficients) > 0.0
     notes += [
         statement,
-        f"The quadratic law is {verdict}: it misses by up to {100 * pooled.misfit:.2g} % of the "
-        "force beyond a tenth of its largest value.",
+        f"The quadratic law is {'' if supported else 'not '}supported: it misses by up to "
+        f"{100 * pooled.misfit:.2g} % of the force beyond a tenth of its largest value.",
         *pooled.notes,
         *recording.notes,
     ]
@@ -355,13 +334,14 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
     """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
-    at = np.array([c.temperature_degC for c in curves])
-    groups: list[list[int]] = []
-    for k in np.argsort(at, kind="stable")[: np.count_nonzero(np.isfinite(at))].tolist():
-        if not groups or at[k] - at[groups[-1][0]] >= SAME_TEMPERATURE_K:
+    groups = list[list[PressCurve]]()
+    known = [c for c in curves if math.isfinite(c.temperature_degC)]
+    for curve in sorted(known, key=lambda c: c.temperature_degC):
+        lowest = groups[-1][0].temperature_degC if groups else -math.inf
+        if curve.temperature_degC - lowest >= SAME_TEMPERATURE_K:
             groups.append([])
-        groups[-1].append(k)
-    return {round(float(np.mean(at[g])), 1): [curves[k] for k in g] for g in groups}
+        groups[-1].append(curve)
+    return {round(float(np.mean([c.temperature_degC for c in g])), 1): g for g in groups}
 
 
 def _temperature_effect(
@@ -371,18 +351,21 @@ def _temperature_effect(
     if len(groups) < 2:
         where = "".join(f"{t:g} °C" for t in groups) or "an unknown temperature"
         return None, f"All tests are at {where}: no statement on temperature."
-    change = 100.0 * slope * (max(groups) - min(groups))
+    low, high = min(groups), max(groups)
+    change, u = 100.0 * slope * (high - low), 100.0 * se * (high - low)
     matters = abs(slope) > CLEAR * se and abs(change) > 100.0 * RELEVANT
     return matters, (
-        f"Temperature {'matters' if matters else 'does not matter'} between {min(groups):g} and "
-        f"{max(groups):g} °C: the force changes by {change:.2g} ± "
-        f"{100.0 * se * (max(groups) - min(groups)):.1g} %."
+        f"Temperature {'matters' if matters else 'does not matter'} between {low:g} and {high:g} "
+        f"°C: the force changes by {change:.2g} ± {u:.1g} %."
     )
 
 
-def _other_units(depth: float, top: float) -> list[str]:
-    """Return warnings: a penetration [m] or a line force [N/m] that no belt under a press has."""
-    return [
+def _findings(
+    depth: float, top: float, unloads: bool, misfit: float, held: str, segment: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and warnings of a law up to a penetration [m] and a line force [N/m]."""
+    notes, included = list[str](), "included in the standard errors"
+    warnings = [
         f"the belt {verb} by {found:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
         f"{name} in another unit, or press.segment_length_cm wrong?"
         for name, verb, found, (low, high), unit in (
@@ -391,13 +374,6 @@ def _other_units(depth: float, top: float) -> list[str]:
         )
         if not low <= found <= high
     ]
-
-
-def _findings(
-    unloads: bool, misfit: float, held: str, segment: float
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return notes and warnings: a poor law, no unloading, a coefficient at zero, scatter."""
-    notes, warnings, included = list[str](), list[str](), "included in the standard errors"
     if misfit >= RELEVANT:
         warnings.append(f"the law misses by up to {100 * misfit:.2g} % of the force; {included}")
     if not unloads:

@@ -16,16 +16,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionLaw
-from beltid.mixed import Mixed, Own, Shared, Size, relinearised
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Shared, Size, relinearised
 
 FORCE_SPREAD = 0.05  # relative; forces in a narrower range do not determine an exponent
 SCAN = 25  # speed scales of the scan for a first guess
@@ -51,32 +49,12 @@ class FrictionLawFit:
     """Fit of one parametric law to the points of a surface."""
 
     law: str  # see :data:`beltid.laws.friction_formulas.FRICTION_LAWS`
+    formula: str  # with the fitted parameters, as plain text; f in N/m, v in m/s
     parameters: tuple[FrictionParameter, ...]
-    reference_force_N_m: float  # f0
-    misfit: Array  # relative misfits ``law/mu - 1`` [-]
+    rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
+    worst_misfit: float  # the largest of them, with its sign [-]
     law_error: float  # standard deviation of law and scatter beyond the errors of the points [-]
     criterion: float  # -2 ln evidence, less that of the best law [-]
-
-    @property
-    def formula(self) -> str:
-        """The law with the fitted parameters as plain text; f in N/m, v in m/s."""
-        values = [p.value for p in self.parameters]
-        return FRICTION_LAWS[self.law].text(values, self.reference_force_N_m)
-
-    @property
-    def determined(self) -> bool:
-        """Whether the data determine all parameters."""
-        return all(math.isfinite(p.se) for p in self.parameters)
-
-    @property
-    def rms_misfit(self) -> float:
-        """Root mean square of the relative misfits [-]."""
-        return float(np.sqrt(np.mean(np.square(self.misfit))))
-
-    @property
-    def worst_misfit(self) -> float:
-        """Largest of the relative misfits, with its sign [-]."""
-        return float(self.misfit[np.argmax(np.abs(self.misfit))])
 
     @property
     def misses(self) -> str:
@@ -110,7 +88,7 @@ class FrictionLaws:
         text = (
             f"Best formula: {best.law}, {best.formula} (f in N/m, v in m/s), misfit {best.misses}"
         )
-        if not best.determined:
+        if any(math.isinf(p.se) for p in best.parameters):
             text += "; not all of its parameters are determined: use it within the measured range"
         if equal := [f.law for f in self.fits if f is not best and f.criterion < AS_GOOD]:
             text += f"; {', '.join(equal)} {'does' if len(equal) == 1 else 'do'} as well"
@@ -135,8 +113,7 @@ def fit_friction_laws(
     f, v, mu = (np.asarray(x, dtype=float).ravel() for x in (normal_force_N_m, slip_speed_m_s, mu))
     if f.size < 2 or not all(np.all((x > 0.0) & (x < np.inf)) for x in (f, v, mu)):
         raise InputError("friction laws: at least 2 points with numbers > 0 are needed")
-    fits, notes = [], []
-    speeds = int(settings_of(v, SPEED_GAP).max()) + 1
+    fits, notes, speeds = [], [], int(settings_of(v, SPEED_GAP).max()) + 1
     one_force = f.max() <= (1.0 + FORCE_SPREAD) * f.min()
     for law in FRICTION_LAWS.values():
         few = f.size < len(law.parameters) or speeds < law.speeds_needed
@@ -157,20 +134,19 @@ def _fitted(
 ) -> FrictionLawFit:
     """Fit one law; its criterion is not yet relative to others."""
     # the geometric mean of the forces, to two digits
-    f0, names = float(f"{np.exp(np.mean(np.log(f))):.2g}"), list(law.parameters)
-    at = [k for k, name in enumerate(names) if name == law.scale]
+    f0 = float(f"{np.exp(np.mean(np.log(f))):.2g}")
+    at = [k for k, name in enumerate(law.parameters) if name == law.scale]
     # mean and standard deviation of the parameters; of a speed scale, of its logarithm
-    level, span = float(np.mean(mu)), float(np.ptp(np.log(v)))
+    level, log_v = float(np.mean(mu)), np.log(v)
     priors = {"a": (0.0, 1.0), "b": (0.0, 4.0), "c": (0.0, 2.0 * level / float(v.max()))}
-    priors[law.scale or "scale"] = float(np.mean(np.log(v))), math.log(10.0) + span
-    before, width = np.array([priors.get(name, (level, level)) for name in names]).T
+    priors[law.scale or "scale"] = float(np.mean(log_v)), math.log(10.0) + float(np.ptp(log_v))
+    before, width = np.array([priors.get(name, (level, level)) for name in law.parameters]).T
     S = np.zeros((f.size, 1)) if factor is None else np.asarray(factor, dtype=float)
-    x = np.column_stack([np.log(f), np.log(v)])
-    apart = np.linalg.norm(x[:, None] - x, axis=-1)
-    k, none = before.size, np.zeros(before.size)
+    x, k = np.column_stack([np.log(f), log_v]), before.size
+    near = np.exp(-np.linalg.norm(x[:, None] - x, axis=-1))
     own = [
-        Own("law", LAW_ERROR, covariance=block_diag(np.exp(-apart), np.diag(none))),
-        Own("scatter", SCATTER, diagonal=np.append(np.ones(f.size), none)),
+        Own("law", LAW_ERROR, covariance=block_diag(near, np.zeros((k, k)))),
+        Own("scatter", SCATTER, diagonal=np.repeat([1.0, 0.0], [f.size, k])),
         Own("known", Size(1.0), covariance=block_diag(S @ S.T, np.eye(k))),
     ]
 
@@ -194,14 +170,16 @@ def _fitted(
     q[at] = np.log(q[at])
     t, posterior = relinearised(model, np.clip((q - before) / width, -3.0, 3.0), STEPS, TURNS)
     p, se = parameters(t), width * np.sqrt(np.diag(posterior.covariance))
-    shown = se <= DETERMINED * width
+    se[~(se <= DETERMINED * width)] = np.inf
     se[at] *= p[at]
-    found = zip(law.units.items(), p.tolist(), np.where(shown, se, np.inf).tolist(), strict=True)
+    found = zip(law.units.items(), p.tolist(), se.tolist(), strict=True)
+    misfit = law.mu(p, f / f0, v) / mu - 1.0
     return FrictionLawFit(
         law=law.name,
+        formula=law.text(p.tolist(), f0),
         parameters=tuple(FrictionParameter(*unit, value, error) for unit, value, error in found),
-        reference_force_N_m=f0,
-        misfit=law.mu(p, f / f0, v) / mu - 1.0,
+        rms_misfit=float(np.sqrt(np.mean(np.square(misfit)))),
+        worst_misfit=float(misfit[np.argmax(np.abs(misfit))]),
         law_error=math.hypot(posterior.sizes["law"], posterior.sizes["scatter"]),
         criterion=-2.0 * posterior.log_evidence,
     )

@@ -20,23 +20,23 @@ Runs that are no grid have one smooth surface (P-splines over ln f, ln v): docs/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline
+from scipy.linalg import block_diag
 from scipy.special import ndtr, stdtrit
 
 from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.laws.bicubic import bounded_cubic
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Mixed, Own, Shared, Size, root
-
-Array = NDArray[np.float64]
+from beltid.mixed import Array, Mixed, Own, Shared, Size, root
 
 SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
@@ -94,8 +94,8 @@ class Curve:
 
     def at(self, force: Array) -> Array:
         """Evaluate mu [-] at forces [N/m], nan outside the points."""
-        clipped = np.clip(force, self.f[0], self.f[-1])
-        mu = np.exp(bounded_cubic(np.log(self.f), np.log(self.mu), np.log(clipped)))
+        log_force = np.log(np.clip(force, self.f[0], self.f[-1]))
+        mu = np.exp(bounded_cubic(np.log(self.f), np.log(self.mu), log_force))
         return np.where(self.covers(force), mu, np.nan)
 
     def covariance(self, force: Array) -> Array:
@@ -117,21 +117,19 @@ def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
     None if they are no grid.
     """
     at_speed, at_arc = settings_of(points.v, SPEED_GAP), points.arc_label
-    n_speeds, n_arcs = int(at_speed.max()) + 1, int(at_arc.max()) + 1
-    groups = [points.v[at_speed == k] for k in range(n_speeds)]
-    pairs = {(int(k), int(a)) for k, a in zip(at_speed, at_arc, strict=True)}
-    if len(pairs) < n_speeds * n_arcs or any(v.max() > MAX_SPEED_SPREAD * v.min() for v in groups):
+    groups = [points.v[at_speed == k] for k in range(at_speed.max() + 1)]
+    runs, speeds = np.zeros((len(groups), at_arc.max() + 1), int), np.array([*map(np.mean, groups)])
+    np.add.at(runs, (at_speed, at_arc), 1)
+    if np.any(runs == 0) or any(v.max() > MAX_SPEED_SPREAD * v.min() for v in groups):
         return None
-    speeds = np.array([v.mean() for v in groups])
     corrected = _at_common_speed(points, at_speed, speeds, at_arc)
-    rows: list[list[Curve]] = [[] for _ in speeds]
-    notes = list[str]()
-    for k, a in product(range(n_speeds), range(n_arcs)):
+    rows, notes = [list[Curve]() for _ in speeds], list[str]()
+    for k, a in np.ndindex(runs.shape):
         here = (at_arc == a) & (at_speed == k)
         band, arc, speed = points.mu[here], float(points.arc_deg[here].mean()), float(speeds[k])
         f, mu, se = _without_repetitions(points.f[here], corrected.mu[here], corrected.se[here])
         rows[k].append(Curve(arc, speed, f, mu, se, (band.min(), band.max())))
-        if repeated := int(here.sum()) - f.size:
+        if repeated := runs[k, a] - f.size:
             notes.append(
                 f"arc {arc:g}°, {speed:.4g} m/s: {repeated} runs repeat the force of another "
                 "and were averaged with it"
@@ -150,11 +148,11 @@ def _common_range(rows: Rows) -> Range | None:
         return f, f
     middles = 0.5 * (ends[:-1] + ends[1:])
     covered = [np.any([curve.covers(middles) for curve in row], axis=0) for row in rows]
-    everywhere = np.flatnonzero(np.all(covered, axis=0))
-    if everywhere.size == 0:
+    everywhere = np.append(np.all(covered, axis=0), False)
+    common = ends[everywhere | np.roll(everywhere, 1)]  # of all intervals that every speed covers
+    if not common.size or common[-1] <= common[0] * (1.0 + MIN_RANGE):
         return None
-    first, last = float(ends[everywhere[0]]), float(ends[everywhere[-1] + 1])
-    return (first, last) if last > first * (1.0 + MIN_RANGE) else None
+    return float(common[0]), float(common[-1])
 
 
 def _without_repetitions(f: Array, mu: Array, se: Array) -> Array:
@@ -163,24 +161,21 @@ def _without_repetitions(f: Array, mu: Array, se: Array) -> Array:
     known = np.bincount(label, se <= 0.0)[label] == 0.0
     weights = np.where(known, se, 1.0) ** -2.0
     weights /= np.bincount(label, weights)[label]
-    variances = np.bincount(label, (weights * se) ** 2)
     means = (np.bincount(label, weights * x) for x in (f, mu))
-    return np.array([*means, np.sqrt(variances)])
+    return np.array([*means, np.sqrt(np.bincount(label, (weights * se) ** 2))])
 
 
 def _at_common_speed(
     points: Points, at_speed: NDArray[np.intp], speeds: Array, at_arc: NDArray[np.intp]
 ) -> Points:
     """Correct points to the mean speed of their setting."""
-    exponent = np.zeros(points.f.size)
+    exponent, x, y = np.zeros(points.f.size), np.log(points.f), np.log(points.mu)
+    by_force = np.argsort(x, kind="stable")
     for here in (at_arc == a for a in range(at_arc.max() + 1) if speeds.size > 1):
-        x, y, label = np.log(points.f[here]), np.log(points.mu[here]), at_speed[here]
-        rows = []
-        for k in range(speeds.size):
-            order = np.argsort(x[label == k])
-            rows.append(np.interp(x, x[label == k][order], y[label == k][order]))
-        slope = np.gradient(np.stack(rows), np.log(speeds), axis=0)
-        exponent[here] = slope[label, np.arange(x.size)]
+        groups = [by_force[(here & (at_speed == k))[by_force]] for k in range(speeds.size)]
+        at_speeds = [np.interp(x[here], x[group], y[group]) for group in groups]
+        slope = np.gradient(at_speeds, np.log(speeds), axis=0)
+        exponent[here] = slope[at_speed[here], np.arange(here.sum())]
     factor = (speeds[at_speed] / points.v) ** exponent
     return replace(points, mu=points.mu * factor, se=points.se * factor)
 
@@ -210,7 +205,16 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     standard errors of the points are.
     """
     nodes, notes = _force_nodes(rows, force), list[str]()
-    mu, filled = (x.transpose(1, 2, 0) for x in _on_nodes(rows, nodes))
+    if nodes.size == 1:  # one tension
+        rows = [[replace(curve, f=nodes) for curve in row] for row in rows]
+    # an arc is continued from its last point
+    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
+    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
+    values = np.array([[curve.at(path) for curve in row] for row in rows])
+    mu, filled = (
+        of[..., np.isin(path, nodes)].transpose(1, 2, 0)
+        for of in (values, np.array([_continued(of_speed) for of_speed in values]))
+    )
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
     unlimited = np.nanmean(filled, axis=0)
@@ -226,16 +230,13 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
     from_runs = [_run_covariance(row, nodes) for row in rows]
     own = np.sqrt(np.array([np.diag(C) for C in from_runs]).T)
-    between = _between_arcs(own * mean, mean, sd, n_arcs)
-    factor = np.zeros((*mean.shape, mean.size + 1))
-    for k, C in enumerate(from_runs):
-        factor[:, k, k * nodes.size : (k + 1) * nodes.size] = root(C)
-    factor[..., -1] = between
+    between = _between_arcs(own, mean, sd, n_arcs)
+    factor = block_diag(*map(root, from_runs)).reshape(len(rows), nodes.size, -1).swapaxes(0, 1)
+    factor = np.concatenate([factor, between[..., None]], axis=-1)
     several, speeds = len(rows[0]) > 1, np.array([row[0].speed for row in rows])
     mu_se = mean * (np.hypot(own, between) if errors_known or several else np.nan)
-    arc_deg = np.nan if several else rows[0][0].arc_deg
     factor = factor[..., np.any(factor, axis=(0, 1))]
-    return SurfaceGrid(arc_deg, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
+    return SurfaceGrid(np.nan, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
 
 
 def _force_nodes(rows: Rows, force: Range) -> Array:
@@ -251,18 +252,6 @@ def _force_nodes(rows: Rows, force: Range) -> Array:
     return np.array([force[0], *np.exp(inner), force[1]])
 
 
-def _on_nodes(rows: Rows, nodes: Array) -> tuple[Array, Array]:
-    """Return measured and continued values at the nodes, (nv, na, nf) each."""
-    if nodes.size == 1:  # one tension
-        mu = np.array([[curve.mu for curve in row] for row in rows])
-        return mu, mu
-    ends = np.concatenate([curve.f[[0, -1]] for row in rows for curve in row])
-    # an arc is continued from its last point
-    path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
-    values, on_node = np.array([[c.at(path) for c in row] for row in rows]), np.isin(path, nodes)
-    return values[..., on_node], np.array([_continued(of) for of in values])[..., on_node]
-
-
 def _continued(values: Array) -> Array:
     """Continue every arc of one speed (na, n) parallel to the arcs that go on."""
     filled = values.copy()
@@ -271,7 +260,7 @@ def _continued(values: Array) -> Array:
     core = int(best[best.size // 2])
     for path in (range(core, values.shape[1]), range(core, -1, -1)):
         for inner, node in pairwise(path):
-            at_inner, at_node = np.isfinite(filled[:, inner]), np.isfinite(filled[:, node])
+            at_inner, at_node = np.isfinite(filled[:, [inner, node]]).T
             going_on, ending = at_inner & at_node, at_inner & ~at_node
             if going_on.any():
                 growth = filled[going_on, node].mean() / filled[going_on, inner].mean()
@@ -281,7 +270,7 @@ def _continued(values: Array) -> Array:
 
 def _run_covariance(curves: Sequence[Curve], nodes: Array) -> Array:
     """Return the covariance of ln mu by the errors of the runs, mean of the arcs measured there."""
-    there = np.array([curve.covers(nodes) for curve in curves]) | (nodes.size == 1)
+    there = np.array([curve.covers(nodes) for curve in curves])
     shares = there / np.maximum(there.sum(axis=0), 1)
     covariances = np.array([curve.covariance(nodes) for curve in curves])
     return np.asarray(np.sum(covariances * shares[:, :, None] * shares[:, None, :], axis=0))
@@ -292,7 +281,7 @@ def _between_arcs(own: Array, mean: Array, sd: Array, n_arcs: NDArray[np.int64])
     freedom = n_arcs - 1
     if not freedom.any():
         return np.zeros(mean.shape)
-    excess = np.where(freedom > 0, (sd**2 - n_arcs * own**2) / mean**2, 0.0)
+    excess = np.where(freedom > 0, (sd / mean) ** 2 - n_arcs * own**2, 0.0)
     per_force = freedom.sum(axis=1)
     # where most arcs have ended, the spread is poorly determined: use the nearest other force
     rows = np.flatnonzero(2 * per_force >= per_force.max())
@@ -320,17 +309,16 @@ class SurfaceResult:
     @property
     def rms_arc_spread(self) -> float:
         """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
-        relative = self.average.mu_spread / self.average.mu
-        finite = relative[np.isfinite(relative)]
-        return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+        squares = np.square(self.average.mu_spread / self.average.mu)
+        known = squares[np.isfinite(squares)]
+        return math.sqrt(np.mean(known)) if known.size else math.nan
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
         parts = []
-        for k, g in enumerate((self.average, *self.arcs)):
+        for g in (self.average, *self.arcs):
+            arc = np.full(g.mu.shape, g.arc_deg)
             nodes = np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij")
-            # nan marks the average, even with a single arc
-            arc = np.full(g.mu.shape, g.arc_deg if k else np.nan)
             parts.append([arc, *nodes, g.mu, g.mu_se, g.n_arcs, g.mu_spread])
         columns = (np.concatenate([x.ravel() for x in of]) for of in zip(*parts, strict=True))
         return dict(zip(COLUMNS, columns, strict=True))
@@ -360,29 +348,25 @@ def build_surface(
     if not usable.any():
         problem = f"no point for a friction surface among {usable.size}, at least one is needed"
         raise InputError([problem, *set_aside])
-    se = np.full(usable.size, np.nan) if mu_se is None else np.asarray(mu_se, dtype=float)
-    se = se[usable]
+    se = np.full(usable.size, np.nan if mu_se is None else mu_se)[usable]
     known = np.isfinite(se) & (se >= 0.0)
-    if not known.all():
-        typical = float(np.median(se[known])) if known.any() else 0.0
+    typical = float(np.median(se[known])) if known.any() else 0.0
+    if not known.any():
+        notes.append("no standard errors of mu given: the surface's are from the spread of arcs")
+    elif not known.all():
         notes.append(
             f"{int((~known).sum())} points without a standard error: {typical:.3g} (median of the "
             "others) taken"
-            if known.any()
-            else "no standard errors of mu given: the surface's are from the spread of arcs"
         )
-        se = np.where(known, se, typical)
     arcs_deg, f, v, coefficients = values[:, usable]
-    points, errors_known = Points(arcs_deg, f, v, coefficients, se), bool(known.any())
-    grid, grid_notes = grid_through(points, errors_known)
-    notes += grid_notes
-    arcs, curves = [], grid_of(points)
-    for of_speeds in zip(*curves[0], strict=True) if curves else ():
-        rows = [[curve] for curve in of_speeds]
-        if force := _common_range(rows):
-            arcs.append(average(rows, force, errors_known)[0])
+    points = Points(arcs_deg, f, v, coefficients, np.where(known, se, typical))
+    grid, rows, of_grid = surface_through(points, bool(known.any()))
+    notes, arcs = notes + of_grid, list[SurfaceGrid]()
+    for of_arc in zip(*rows, strict=True):
+        curves, arc = [[curve] for curve in of_arc], of_arc[0].arc_deg
+        if force := _common_range(curves):
+            arcs.append(replace(average(curves, force, bool(known.any()))[0], arc_deg=arc))
         else:
-            arc = of_speeds[0].arc_deg
             notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
@@ -390,14 +374,17 @@ def build_surface(
     return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
 
 
-def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, list[str]]:
-    """Return the averaged surface of a grid or of scattered runs, with notes, or `InputError`."""
+def surface_through(
+    points: Points, errors_known: bool = True
+) -> tuple[SurfaceGrid, Rows, list[str]]:
+    """Return the averaged surface of a grid or of scattered runs, its curves, if any, and notes."""
     curves = grid_of(points)
     if curves is None:
         grid, note = scattered_grid(points)
-        return grid, [note]
-    grid, notes = average(*curves[:2], errors_known)
-    return grid, [*curves[2], *notes]
+        return grid, (), [note]
+    rows, force, repetitions = curves
+    grid, notes = average(rows, force, errors_known)
+    return grid, rows, repetitions + notes
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
@@ -405,9 +392,8 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
 
     Raises `InputError` if a column or the average is missing, or its rows form no complete grid.
     """
-    missing = [f"surface: column {name} is missing" for name in COLUMNS[:4] if name not in columns]
-    if missing:
-        raise InputError(missing)
+    if missing := [name for name in COLUMNS[:4] if name not in columns]:
+        raise InputError([f"surface: column {name} is missing" for name in missing])
     rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
     if not rows.any():
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
@@ -432,10 +418,9 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
             f"no speed was measured over a range of normal forces ({n} runs), must be at least "
             f"{FEWEST_RUNS} runs over a range, or one tension at every arc and speed"
         )
-    ordered = np.sort(points.v)
-    cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
-    groups = [ordered[cells == k] for k in np.unique(cells)]
-    speeds = np.array([np.sqrt(group[0] * group[-1]) for group in groups])
+    cells = np.floor(np.log(points.v / points.v.min()) / SPEED_STEP)
+    groups = [points.v[cells == k] for k in np.unique(cells)]
+    speeds = np.array([np.sqrt(group.min() * group.max()) for group in groups])
     label, n_arcs = points.arc_label, int(points.arc_label.max()) + 1
     if 2 * n_arcs >= n:  # arcs are no settings
         label, n_arcs = np.zeros_like(label), 1
@@ -447,21 +432,12 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     mu = np.clip(np.exp(log_mu), points.mu.min(), points.mu.max())
     factor = np.column_stack([factor, np.diag(log_mu - np.log(mu))])
     shape = forces.size, speeds.size
-    grid = SurfaceGrid(
-        arc_deg=float("nan"),
-        normal_force_N_m=forces,
-        slip_speed_m_s=speeds,
-        mu=mu.reshape(shape),
-        mu_se=(mu * np.linalg.norm(factor, axis=1)).reshape(shape),
-        n_arcs=np.ones(shape, dtype=np.int64),
-        mu_spread=np.full(shape, np.nan),
-        scatter=factor.reshape(*shape, -1),
-    )
-    note = (
+    mu, mu_se = (x.reshape(shape) for x in (mu, mu * np.linalg.norm(factor, axis=1)))
+    of_one = np.ones(shape, dtype=np.int64), np.full(shape, np.nan), factor.reshape(*shape, -1)
+    return SurfaceGrid(np.nan, forces, speeds, mu, mu_se, *of_one), (
         f"the {n} runs are no grid of arcs, speeds and forces: one smooth surface through all, at "
         f"{speeds.size} speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s"
     )
-    return grid, note
 
 
 def _smooth(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Array, Array]:
@@ -469,19 +445,17 @@ def _smooth(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Arr
     x = np.log(np.column_stack([points.f, points.v]))
     low, high = x.min(axis=0), np.maximum(x.max(axis=0), x.min(axis=0) + EDGE)
     bent, one = np.diff(np.eye(SPLINES), 2, axis=0), np.eye(SPLINES)
-    rough = np.kron(bent.T @ bent, one) + np.kron(one, bent.T @ bent)
-    precision = rough + FLAT * np.eye(len(rough))
+    precision = np.kron(bent.T @ bent, one) + np.kron(one, bent.T @ bent) + FLAT * np.kron(one, one)
     # a run is a group by itself: its errors are independent of the others
     columns, ones = _splines((x - low) / (high - low))[:, None], np.ones((points.f.size, 1))
     shared = [Shared("surface", columns, Size(BEND, 2.0, LARGEST), precision=precision)]
     if arc_label.max() > 0:
-        arcs = np.equal.outer(arc_label, np.arange(arc_label.max() + 1)).astype(float)
+        arcs = np.eye(arc_label.max() + 1)[arc_label]
         shared.append(Shared("arc", arcs[:, None], Size(ARC_EFFECT, 1.2, LARGEST)))
+    stated = np.hypot(points.se / points.mu, ROUNDING)[:, None]
     own = [
         Own("scatter", Size(SCATTER, 2.0, LARGEST), diagonal=ones),
-        Own(
-            "stated", Size(1.0), diagonal=ones * np.hypot(points.se / points.mu, ROUNDING)[:, None]
-        ),
+        Own("stated", Size(1.0), diagonal=stated),
     ]
     posterior = Mixed(np.log(points.mu)[:, None], shared, own).fit(tolerance=1e-6)
     mean, covariance = posterior.of("surface")
