@@ -19,6 +19,28 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
+from beltid.store.artifact import (
+    Artifact,
+    Origin,
+    Record,
+    artifact_from_bytes,
+    combined_origin,
+    kind_in,
+    may_be_artifact,
+    plain,
+    read_artifact,
+    refuse_misfits,
+    write_artifact,
+)
+from beltid.store.disk import (
+    FOREIGN,
+    OURS,
+    check_place,
+    opened,
+    sha256,
+    source_sha256,
+    write_bytes,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,7 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beltid.config import Config, ConfigSource
-    from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
 Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
@@ -67,10 +88,8 @@ class Outcome(Generic[Result]):
 
     def said(self) -> dict[str, Any]:
         """Return what the record of an artifact says of the result, as plain JSON values."""
-        from beltid.store.artifact import Record, plain
-
-        known = {field.name for field in fields(Record)}
-        return {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name in known}
+        named = [of.name for of in fields(Record) if hasattr(self, of.name)]
+        return {name: plain(getattr(self, name)) for name in named}
 
     def plot(self, figure: str | None = None) -> Figure:
         """Plot the table with matplotlib, as ``beltid show`` does.
@@ -115,8 +134,6 @@ class Outcome(Generic[Result]):
         ArtifactError
             If it cannot be written.
         """
-        from beltid.store.artifact import Record, write_artifact
-
         path, origin = Path(path), origin or self.origin
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
@@ -127,8 +144,6 @@ class Outcome(Generic[Result]):
 
     def as_artifact(self) -> Artifact:
         """Return the result as if it were read from a file."""
-        from beltid.store.artifact import Artifact, Record
-
         return Artifact(self.columns, Record(**self.said()), Path(self.kind), "")
 
     def __repr__(self) -> str:
@@ -189,22 +204,20 @@ class Stage:
         """Compute from tables, results and laws in memory."""
         from beltid.bench.recording import recording_in
         from beltid.config import load_config
-        from beltid.store.artifact import Artifact, combined_origin
 
         bound = self.signature.bind(*args, **kwargs)
         bound.apply_defaults()
-        given = dict(bound.arguments)
+        given = bound.arguments
         config = as_measured(load_config(given.get("config")), given.get("friction"))
-        given["config"] = config
         # a result has its own origin; a plain table beside it takes that one, alone the config's
         results = map(given.get, self.reads)
         origins = [r.origin for r in results if isinstance(r, (Outcome, Artifact))]
         for role, kind in self.reads.items():
             if kind in RECORDINGS:
                 given[role] = recording_in(given[role], str(kind), config)
-        outcome = self.compute(**given)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
+        outcome = self.compute(**{**given, "config": config})
         return replace(outcome, kind=self.makes, origin=combined_origin(origins))
 
     def run(
@@ -226,16 +239,20 @@ class Stage:
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
         items, made_of = self._read(reads, planned.inputs, source.config)
-        config = as_measured(source.config, items.get("friction"))
         known = {n: x for n, x in options.items() if n in self.signature.parameters}
-        outcome = self.compute(**{**dict.fromkeys(self.reads), **items, **known, "config": config})
+        known["config"] = as_measured(source.config, items.get("friction"))
+        outcome = self.compute(**dict.fromkeys(self.reads) | items | known)
         heard = [note for item in items.values() for note in getattr(item, "notes", ())]
         outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
-        changed = [f for f in reads.values() if f.content() != planned.inputs[f.name]]
-        if changed:
+        if changed := [f for f in reads.values() if f.content() != planned.inputs[f.name]]:
             raise InputError([f"{file.path}: was changed while it was read" for file in changed])
         record = replace(planned, **outcome.said() | made_of)
-        return self._write(outcome, record, out), False
+        if self.file_name().endswith(SUFFIX):
+            return write_artifact(out, outcome.columns, record), False
+        # for the operator of the bench
+        text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
+        write_bytes(out, text.encode())
+        return Artifact(outcome.columns, record, out, ""), False
 
     def look(
         self,
@@ -247,15 +264,14 @@ class Stage:
         **options: Any,
     ) -> tuple[dict[str, Input], Record, Artifact | None]:
         """Return what is read, as far as known the record, and what was made of the same before."""
-        from beltid.store.artifact import Record
-        from beltid.store.disk import sha256, source_sha256
-
         config, reads = source.config, dict[str, Input]()
         given = dict(files) if self.finds is None else self.finds(dict(files))
         for role in (role for role in self.reads if role in given):
-            kind = _kind_of(self.reads[role], given[role])
-            # a recording in the place of an artifact is of another bench
-            name = "recording" if kind in RECORDINGS and kind != self.reads[role] else kind
+            kind = self.reads[role]
+            name = str(kind)
+            if not isinstance(kind, str):  # the artifact, or else the recording of another bench
+                kind = kind[0] if may_be_artifact(given[role]) else kind[1]
+                name = "recording" if kind in RECORDINGS else kind
             besides = [table for of, table in config.run_tables.items() if of == kind]
             reads[role] = Input(given[role], kind, name, besides)
         kinds = [file.kind for file in reads.values()]
@@ -265,11 +281,8 @@ class Stage:
         existing = self._check_place(source, reads, out, force=force)
         inputs = {file.name: file.content() for file in reads.values()}
         settings = self._settings(config, kinds, options)
-        stated = {
-            name: sorted(getattr(config, name).model_fields_set)
-            for name in self.uses
-            if name in config.model_fields_set
-        }
+        of_config = config.model_fields_set.intersection(self.uses)
+        stated = {name: sorted(getattr(config, name).model_fields_set) for name in of_config}
         parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
         planned = Record(
             self.makes,
@@ -289,8 +302,6 @@ class Stage:
         self, config: Config, kinds: Iterable[str], options: Mapping[str, Any]
     ) -> dict[str, Any]:
         """Return all settings that matter as plain JSON values: sections of the config, options."""
-        from beltid.store.artifact import plain
-
         values = config.model_dump(mode="json")
         found = {name: values[name] for name in self.uses}
         if recorded := [kind for kind in kinds if kind in RECORDINGS]:
@@ -304,11 +315,7 @@ class Stage:
         self, source: ConfigSource, reads: Mapping[str, Input], out: Path, *, force: bool
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
-        from beltid.store.artifact import artifact_from_bytes, kind_in
-        from beltid.store.disk import FOREIGN, OURS, check_place, opened
-
-        data, existing = b"", None
-        ending = Path(self.file_name()).suffix
+        data, existing, ending = b"", None, Path(self.file_name()).suffix
         if ending == SUFFIX and out.suffix == SUFFIX and out.is_file():
             with opened(out, ArtifactError) as file:
                 data = file.read()
@@ -318,8 +325,8 @@ class Stage:
                 existing = artifact_from_bytes(data, out, kind)
         whose = OURS if kind == self.makes else f"a {kind} artifact" if kind else FOREIGN
         inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
-        named = source.config.data.files.items()
-        inputs |= {f"{name} recording of the config": path for name, path in named}
+        for name, path in source.config.data.files.items():
+            inputs[f"{name} recording of the config"] = path
         owner = (lambda path: whose) if ending == SUFFIX else None
         check_place(out, (ending,), owner, inputs=inputs, force=force)
         return existing
@@ -329,15 +336,14 @@ class Stage:
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the inputs, which must fit together; return also their origin and ancestors."""
         from beltid.bench.recording import read_recording
-        from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
 
         items, origins, ancestors = dict[str, Any](), list[str | None](), dict[str, str]()
         hosts, guests = list[Artifact](), list[Artifact]()
         for role, file in ((role, reads[role]) for role in self.reads if role in reads):
             if file.kind not in RECORDINGS:
                 items[role] = found = read_artifact(file.path, file.kind)
-                is_guest = self.signature.parameters[role].kind is inspect.Parameter.KEYWORD_ONLY
-                (guests if is_guest else hosts).append(found)
+                p = self.signature.parameters[role]
+                (guests if p.kind is p.KEYWORD_ONLY else hosts).append(found)
                 origins.append(found.origin)
                 ancestors |= found.record.ancestors | {found.name: found.sha256}
                 continue
@@ -352,17 +358,6 @@ class Stage:
         refuse_misfits(hosts, guests)
         origin = combined_origin(origins or [config.data.origin])
         return items, {"origin": origin, "ancestors": ancestors}
-
-    def _write(self, outcome: Outcome[Any], record: Record, out: Path) -> Artifact:
-        """Write the outcome as an artifact, or for the operator of the bench as CSV."""
-        from beltid.store.artifact import Artifact, write_artifact
-        from beltid.store.disk import write_bytes
-
-        if self.file_name().endswith(SUFFIX):
-            return write_artifact(out, outcome.columns, record)
-        text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        write_bytes(out, text.encode())
-        return Artifact(outcome.columns, record, out, "")
 
 
 STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work
@@ -387,12 +382,3 @@ def as_measured(config: Config, friction: Any) -> Config:
     return config.with_rig(
         {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
     )
-
-
-def _kind_of(kind: Kind, path: Path) -> str:
-    """Return which of several kinds a file is: the artifact, or else the recording."""
-    from beltid.store.artifact import may_be_artifact
-
-    if isinstance(kind, str):
-        return kind
-    return kind[0] if may_be_artifact(path) else kind[1]

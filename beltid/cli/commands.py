@@ -9,7 +9,8 @@ import os
 from pathlib import Path
 from typing import Final, Literal
 
-from beltid.cli.program import FIRST, Common, app, command, config_of, plain_typer
+from beltid.cli.execute import Common, refuse_out
+from beltid.cli.program import FIRST, app, command, config_of, plain_typer
 from beltid.report.summary import Summary
 
 SCHEDULER_VARIABLE: Final = "DASK_SCHEDULER_ADDRESS"
@@ -255,7 +256,6 @@ def config_show(file: Path | None = None, *, all: bool = False, common: Common) 
     --------
     beltid config show rig.csv --all
     """
-    from beltid.cli.execute import refuse_out
     from beltid.config import config_text
     from beltid.stages.about import config_values
 

@@ -6,7 +6,6 @@ import inspect
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Final, get_origin
@@ -16,7 +15,7 @@ from typer.core import TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
-from beltid.cli.process import hear_signals, one_thread_each, prepare_streams
+from beltid.cli.execute import Common, finish, hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
 
 MAIN_HELP: Final = """\
@@ -64,37 +63,6 @@ FILES: Final = (
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
-@dataclass(frozen=True, slots=True)
-class Common:
-    """Options of every command, in the order of the help.
-
-    Parameters
-    ----------
-    config : YAML
-        Config of belt, benches and settings. Default: the one that the environment variable
-        BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to the input or in a
-        folder above it, else the built-in 5PK rig of the paper.
-    out : FILE
-        File to write. Default: next to the input, as named in the help.
-    json : bool
-        Print one JSON object instead of a table.
-    quiet : bool
-        Print warnings and errors only.
-    verbose : bool
-        Print all rows and details.
-    force : bool
-        Compute again even if the result is up to date, and replace another file at --out. Inputs
-        and recordings are never replaced.
-    """
-
-    config: Path | None = None
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    verbose: bool = False
-    force: bool = False
-
-
 def config_of(file: Path | None, common: Common) -> Any:
     """Return the config of a file, and tell which it is."""
     from beltid.config import find_config
@@ -113,7 +81,6 @@ class InOrder(TyperGroup):
         if "--version" in args:
             typer.echo(f"beltid {__version__}")
             if {"-v", "--verbose"} & set(args):
-                from beltid.cli.execute import finish
                 from beltid.stages.about import program
 
                 finish(program, Common(verbose=True), None)
@@ -162,9 +129,12 @@ def _steps() -> dict[str, Any]:
 
 def plain_typer(**about: Any) -> typer.Typer:
     """Create a group of commands without colours and boxes."""
-    settings = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
-    about |= {"rich_markup_mode": None, "no_args_is_help": True, "context_settings": settings}
-    return typer.Typer(**about)
+    return typer.Typer(
+        rich_markup_mode=None,
+        no_args_is_help=True,
+        context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+        **about,
+    )
 
 
 app = plain_typer(cls=InOrder, name="beltid", help=MAIN_HELP, pretty_exceptions_enable=False)
@@ -187,19 +157,18 @@ def command(
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         text, told, example = sections(inspect.getdoc(function) or "")
-        signature = inspect.signature(function, eval_str=True).parameters.values()
-        own, common = [p for p in signature if p.name != "common"], _common()
-        if out:
-            kind, _, meaning = out.partition(": ")
-            common["out"] = kind, meaning
-        parameters = [parameter(p, *told.get(p.name, ("", ""))) for p in own]
-        for p in inspect.signature(Common, eval_str=True).parameters.values():
-            hidden = p.name != "out" or not out
-            parameters.append(parameter(p.replace(kind=KEYWORD), *common[p.name], hidden=hidden))
+        common = _common() | ({"out": tuple(out.split(": ", 1))} if out else {})
+        parameters = [
+            parameter(p, *told.get(p.name, ("", "")))
+            for p in inspect.signature(function, eval_str=True).parameters.values()
+            if p.name != "common"
+        ]
+        parameters += [
+            parameter(p.replace(kind=KEYWORD), *common[p.name], hidden=p.name != "out" or not out)
+            for p in inspect.signature(Common, eval_str=True).parameters.values()
+        ]
 
         def called(*args: Any, **values: Any) -> None:
-            from beltid.cli.execute import finish
-
             given = Common(**{name: values.pop(name) for name in common})
             left = kept and kept.format(out=given.out or "runs")
             finish(lambda: function(*args, common=given, **values), given, left)
@@ -274,15 +243,13 @@ def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspe
     """Return a parameter as an argument, or as an option if it is a keyword; or as it is told."""
     if get_origin(p.annotation) is Annotated:
         return p
-    annotation = type(p.default) if p.annotation is p.empty else p.annotation
     about |= {"help": text, "metavar": _metavar(kind)}
     if p.kind is not KEYWORD:
-        return p.replace(annotation=Annotated[annotation, typer.Argument(**about)])
-    about["show_default"] = p.default not in (None, False)
-    if p.name == "jobs" or annotation is int:
-        about["min"] = 1
+        return p.replace(annotation=Annotated[p.annotation, typer.Argument(**about)])
+    about |= {"show_default": p.default not in (None, False)}
+    about |= {"min": 1} if p.name == "jobs" or p.annotation is int else {}
     option = typer.Option(*reversed(_names(p.name)), **about)
-    return p.replace(annotation=Annotated[annotation, option])
+    return p.replace(annotation=Annotated[p.annotation, option])
 
 
 def _names(name: str) -> list[str]:
@@ -291,8 +258,9 @@ def _names(name: str) -> list[str]:
 
 def _metavar(kind: str) -> str | None:
     """Return the choices of a docstring, or its type if that is a name in capitals or a unit."""
-    of_type = kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
-    return "|".join(re.findall(r'"([^"]+)"', kind)) or of_type
+    if choices := re.findall(r'"([^"]+)"', kind):
+        return "|".join(choices)
+    return kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
 
 
 def _common() -> dict[str, tuple[str, str]]:

@@ -12,8 +12,7 @@ from typing import Final
 
 from beltid.bench.files import sources_of
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import effective_values
-from beltid.config.source import KeyPath, format_path, read_source
+from beltid.config.loading import KeyPath, effective_values, format_path, read_source
 from beltid.errors import ConfigError, InputError
 from beltid.report.summary import Summary
 from beltid.store.artifact import plain, read_artifact

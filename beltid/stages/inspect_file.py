@@ -12,10 +12,14 @@ import numpy as np
 
 from beltid.bench.recording import Inspection, inspect_recording, ranges
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import effective_values
+from beltid.config.loading import (
+    SECTIONS,
+    effective_values,
+    format_path,
+    template_text,
+    value_text,
+)
 from beltid.config.model import KINDS
-from beltid.config.source import format_path
-from beltid.config.writing import SECTIONS, template_text, value_text
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.identify.agreement import SAME_SETTING
 from beltid.notes import log

@@ -10,27 +10,20 @@ one of them was made from is given, or stated by another, with another content.
 
 from __future__ import annotations
 
-import io
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from beltid.errors import ArtifactError
 from beltid.store.disk import read_bytes, sha256, write_bytes
-from beltid.store.parquet import (
-    arrow_table,
-    columns_of_arrow,
-    columns_sha256,
-    damaged,
-    normalised,
-    open_parquet,
-)
 from beltid.tables import schemas
+
+if TYPE_CHECKING:
+    import numpy as np
 
 RECORD_KEY: Final = b"beltid_record"
 SEAL_KEY: Final = b"beltid_seal"
@@ -119,10 +112,10 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, (np.generic, np.ndarray)):
+    if hasattr(value, "tolist"):  # an array or a number of numpy
         return plain(value.tolist())
     if isinstance(value, float):
-        return value if np.isfinite(value) else None
+        return value if math.isfinite(value) else None
     if isinstance(value, (str, int)) or value is None:
         return value
     if isinstance(value, Path):
@@ -150,31 +143,13 @@ def write_artifact(path: Path, columns: Mapping[str, Any], record: Record) -> Ar
 
 def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "artifact") -> bytes:
     """Return the bytes of an artifact; `name` is for messages."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from beltid.store.parquet import normalised, parquet_bytes, seal
 
     table = schemas.table(record.kind)
     values = normalised(columns, table, name)
     stated = plain({**asdict(record), "version": table.version})
     text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
-    sealed = arrow_table(values, table).replace_schema_metadata(
-        {RECORD_KEY: text, SEAL_KEY: _seal(text, values)}
-    )
-    buffer = io.BytesIO()
-    pq.write_table(
-        sealed,
-        pa.PythonFile(buffer, mode="w"),
-        version="2.6",
-        compression="zstd",
-        compression_level=3,
-        use_dictionary=[name for name in values if table.column(name).dtype == "string"],
-        write_page_checksum=True,
-    )
-    return buffer.getvalue()
-
-
-def _seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
-    return sha256(text + columns_sha256(columns).encode()).encode()
+    return parquet_bytes(values, table, {RECORD_KEY: text, SEAL_KEY: seal(text, values)})
 
 
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
@@ -184,6 +159,8 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Read an artifact from the bytes of its file; see `read_artifact`."""
+    from beltid.store.parquet import columns_of_arrow, damaged, open_parquet, seal
+
     needed = "" if kind is None else f", a {kind} artifact is needed; {_command(kind)} writes one"
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (not a Parquet file){needed}")
@@ -211,7 +188,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         columns = columns_of_arrow(file.read(use_threads=False), table)
     except Exception as error:  # a damaged file can raise almost any error
         raise ArtifactError(f"{path}: {damaged(error)}") from None
-    if _seal(text, columns) != stored[SEAL_KEY]:
+    if seal(text, columns) != stored[SEAL_KEY]:
         raise ArtifactError(f"{path}: damaged: record and numbers do not match their checksum")
     return Artifact(columns, record, path, sha256(data))
 
@@ -261,10 +238,9 @@ def misfits(artifacts: Sequence[Artifact]) -> list[str]:
 
 
 def _line(artifact: Artifact, name: str, other: Artifact) -> str:
-    made_by, what = artifact.record.made_by, "artifact"
+    made_by = artifact.record.made_by
     command = f"beltid {made_by}" if made_by else schemas.table(artifact.kind).command
-    if name in schemas.RECORDINGS:
-        what = "recording"
+    what = "recording" if name in schemas.RECORDINGS else "artifact"
     if artifact.kind == "simulated" and other.kind == "friction":
         command += f" --from {other.path}"
     return (
