@@ -17,6 +17,9 @@ from typer.main import get_group
 from beltid._version import __version__
 from beltid.cli.execute import Common, finish, hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
+from beltid.notes import log
+from beltid.stage import STAGES
+from beltid.tables import schemas
 
 MAIN_HELP: Final = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
@@ -25,15 +28,15 @@ From bench recordings to a friction law that is proven on a simulated copy of th
 Cepon, Manin and Boltezar, 2010). `beltid run CONFIG.yaml` goes through all steps, and through the
 drive if the config has one. Results go to stdout, messages and progress to stderr.
 """
-STATUSES: Final = (
-    ("0", "done"),
-    ("1", "a bug in beltid, with a traceback"),
-    ("2", "wrong call, config or input; the message says what to correct"),
-    ("3", "numerical failure: no convergence, or no admissible law"),
-    ("4", "compare, cross-validate, compare-drive: the difference is out of tolerance"),
-    ("5", "run: some of several belts failed"),
-    ("130", "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed"),
-)
+STATUSES: Final = {
+    "0": "done",
+    "1": "a bug in beltid, with a traceback",
+    "2": "wrong call, config or input; the message says what to correct",
+    "3": "numerical failure: no convergence, or no admissible law",
+    "4": "compare, cross-validate, compare-drive: the difference is out of tolerance",
+    "5": "run: some of several belts failed",
+    "130": "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed",
+}
 FIRST: Final = {
     "inspect": "FILE -> how it is read, and a config section",
     "init": "write a commented config for a new belt",
@@ -66,7 +69,6 @@ KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 def config_of(file: Path | None, common: Common) -> Any:
     """Return the config of a file, and tell which it is."""
     from beltid.config import find_config
-    from beltid.notes import log
 
     source = find_config(file, common.config)
     log.info("config: %s", source.origin)
@@ -105,25 +107,23 @@ class InOrder(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands: first what a new user needs, then the steps of the method."""
-        common = [
-            (f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(), text)
+        common = {
+            f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(): text
             for name, (kind, text) in _common().items()
-        ]
-        for title, rows in (
-            ("Commands", FIRST.items()),
-            ("Steps", [(name, _short(step)) for name, step in _steps().items()]),
-            ("Options of every command", [*common, ("-h, --help", "Show the help of a command.")]),
-            ("Exit status", STATUSES),
-        ):
+        }
+        for title, rows in {
+            "Commands": FIRST,
+            "Steps": {name: _short(step) for name, step in _steps().items()},
+            "Options of every command": common | {"-h, --help": "Show the help of a command."},
+            "Exit status": STATUSES,
+        }.items():
             with formatter.section(title):
-                formatter.write_dl(list(rows))
+                formatter.write_dl(list(rows.items()))
 
 
 def _steps() -> dict[str, Any]:
     """Return the steps of the method that are commands, in their order."""
     import_module("beltid.stages.steps")
-    from beltid.stage import STAGES
-
     return {name: step for name, step in STAGES.items() if step.is_command}
 
 
@@ -210,8 +210,7 @@ def add_step(stage: Any) -> None:
         files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
         first = next(iter(files.values()), None)
         out = common.out or (folder_of(first) if first else Path()) / stage.file_name(given)
-        source = config_of(first, common)
-        made, kept = stage.run(source, files, out, force=common.force, **given)
+        made, kept = stage.run(config_of(first, common), files, out, force=common.force, **given)
         return summary_of(made, up_to_date=kept)
 
     step.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -230,8 +229,6 @@ def _short(stage: Any) -> str:
 
 
 def _about(kind: str) -> str:
-    from beltid.tables import schemas
-
     by = schemas.table(kind).command
     if kind in schemas.RECORDINGS:
         return f"Recording of {by} ({FILES}); beltid inspect FILE shows how it is read."
@@ -269,16 +266,16 @@ def _common() -> dict[str, tuple[str, str]]:
 
 def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
     """Split a numpydoc text: what it says, its parameters with type and meaning, its examples."""
-    parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
+    text, *parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
+    found = dict(zip(parts[::2], parts[1::2], strict=True))
     pattern = r"^(\w+) : (.*)\n((?:    .*\n?)+)"
     told = re.findall(pattern, found.get("Parameters", ""), flags=re.M)
-    lines = found.get("Examples", "").strip().splitlines()
-    example = "\n".join(f"{' ' * 9 if i else 'Example: '}{line}" for i, line in enumerate(lines))
+    example = "\n         ".join(found.get("Examples", "").split("\n")).strip()
+    mark = "\b\n" if "\n" in example else ""
     return (
-        parts[0].strip(),
-        {name: (kind, " ".join(text.split())) for name, kind, text in told},
-        f"\b\n{example}" if len(lines) > 1 else example,
+        text.strip(),
+        {name: (kind, " ".join(meaning.split())) for name, kind, meaning in told},
+        example and f"{mark}Example: {example}",
     )
 
 

@@ -72,14 +72,13 @@ def run(
         )
     law = law_of_folder(source, config, surface) if source.is_dir() else _of_file(source, surface)
     folder = out or (source if source.is_dir() else source.parent) / "export"
-    point = reference_point(law, *exact_at)
-    names = tuple(TARGETS) if target == ALL else (target,)
+    point, names = reference_point(law, *exact_at), TARGETS if target == ALL else (target,)
     exports = {name: export(law, name, point) for name in names}
     files = {folder / name: data for made in exports.values() for name, data in made.files.items()}
     changed = {p: data for p, data in files.items() if not p.is_file() or p.read_bytes() != data}
     problems = list[str]()
+    inputs = {"law file that is read": source} if source.is_file() else {}
     for path in changed:
-        inputs = {"law file that is read": source} if source.is_file() else {}
         try:
             check_place(path, (path.suffix,), inputs=inputs, force=force)
         except InputError as error:
@@ -117,17 +116,6 @@ def _summary(
         for name, made in exports.items()
         for reduction, deviation in made.reductions.items()
     ]
-    rows = [
-        {
-            "target": name,
-            "file": file,
-            "holds": TARGETS[name].holds,
-            "reduced": ", ".join(made.reductions) or "nothing",
-            "worst_percent": 100.0 * max((d.worst for d in made.reductions.values()), default=0),
-        }
-        for name, made in exports.items()
-        for file in made.files
-    ]
     valid = law.validity
     return Summary(
         stage="export",
@@ -140,7 +128,18 @@ def _summary(
             "valid_force_N_m": valid.normal_force_N_m,
             "valid_speed_m_s": valid.slip_speed_m_s,
         },
-        table=rows,
+        table=[
+            {
+                "target": name,
+                "file": file,
+                "holds": TARGETS[name].holds,
+                "reduced": ", ".join(made.reductions) or "nothing",
+                "worst_percent": 100.0
+                * max((of.worst for of in made.reductions.values()), default=0),
+            }
+            for name, made in exports.items()
+            for file in made.files
+        ],
         shown=("target", "file", "reduced", "worst_percent"),
         details={"reductions": reductions} if reductions else {},
         up_to_date=up_to_date,

@@ -72,8 +72,12 @@ def contact_law(press: Recording, config: Config) -> Outcome[StiffnessResult]:
     combined, budget = stiffness_uncertainty(
         laws, standard_uncertainties(config), settings.segment_length_m
     )
-    notes = ["; ".join((*law.notes, *law.warnings)) or None for law in laws]
-    columns = columns_from("stiffness", laws, notes=notes, **combined)
+    columns = columns_from(
+        "stiffness",
+        laws,
+        notes=["; ".join((*law.notes, *law.warnings)) or None for law in laws],
+        **combined,
+    )
     aside = [{"test": test, "why": why} for test, why in recording.set_aside]
     return Outcome(
         columns,
@@ -103,7 +107,9 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
     parts = []
     for curve in result.recording.curves:
         for name, branch in curve.branches.items():
-            position, force = _means_of_neighbours(branch)
+            n = branch.shape[1]  # thinned: means of neighbours
+            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
+            position, force = np.add.reduceat(branch, starts[:-1], axis=1) / np.diff(starts)
             part = {
                 "test": np.array(curve.test, dtype=object),
                 "temperature_degC": np.array(curve.temperature_degC),
@@ -116,22 +122,13 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
     return Outcome(joined(parts), result)
 
 
-def _means_of_neighbours(branch: np.ndarray) -> np.ndarray:
-    """Return positions and forces (2, k) of a branch, thinned."""
-    n = branch.shape[1]
-    starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
-    return np.add.reduceat(branch, starts[:-1], axis=1) / np.diff(starts)
-
-
 def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
     """Find the sliding speed of every run, Eq. (7), and the speeds that the rig must cover."""
     rig, radius = config.rig, config.rig.pulley_radius_m
-    driver = radius
-    if "drive" in config.model_fields_set:
-        radii = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
-        driver = radii.get(config.drive.driving, radius)
+    pulleys = config.drive.pulleys if "drive" in config.model_fields_set else ()
+    radii = {pulley.name: pulley.radius_m for pulley in pulleys}
     with at(speedloss):
-        result = fit_slip(speedloss.columns, driver)
+        result = fit_slip(speedloss.columns, radii.get(config.drive.driving, radius))
     points, warnings = result.columns, list[str]()
     proposed = covered = statement = None
     stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
@@ -139,8 +136,11 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         proposed, covered, statement = required_pulley_speeds(result, radius, stated)
     except InputError as error:  # the sliding speeds were found; keep them
         warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
-    of_runs = zip(points["run"], points["status"], strict=True)
-    aside = [{"run": run, "why": why} for run, why in of_runs if why not in (OK, GROSS_SLIP)]
+    aside = [
+        {"run": run, "why": why}
+        for run, why in zip(points["run"], points["status"], strict=True)
+        if why not in (OK, GROSS_SLIP)
+    ]
     return Outcome(
         columns_from("slip", (None,), **points),
         result,
@@ -172,14 +172,15 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     for run in runs:
         run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig
-    direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
-    stated = StandardUncertainties() if direct else standard_uncertainties(config)
+    derived = any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
+    stated = standard_uncertainties(config) if derived else StandardUncertainties()
     columns = reduction_columns(runs)
     combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
-    good = columns["status"] == "ok"
     aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
-    names = ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
-    ranges = {name: span(columns[name][good]) for name in names}
+    ranges = {
+        name: span(columns[name][columns["status"] == "ok"])
+        for name in ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
+    }
     return Outcome(
         columns | combined,
         runs,
@@ -205,9 +206,9 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
 def rig_kind(config: Config) -> RigKind:
     """Return the kind of a config's friction rig: what it measures, and its load cells."""
     rig, belt, known = config.rig, config.belt, config.friction
-    # a running belt between two pulleys turns alike at both ends; the line of force does not turn
-    bent = rig.kind == "torque_hub" and not rig.running
-    spans = Spans(belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
+    spans = STRAIGHT  # a running belt turns alike at both ends; the line of force does not turn
+    if rig.kind == "torque_hub" and not rig.running:
+        spans = Spans(belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     return RigKind(
         measures=rig.kind,
         weight_on=rig.weight_on,
@@ -218,7 +219,7 @@ def rig_kind(config: Config) -> RigKind:
             KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),
             KnownCell(known.tension_slack_tare_N, known.tension_slack_gain),
         ),
-        spans=spans if bent else STRAIGHT,
+        spans=spans,
     )
 
 
@@ -227,8 +228,8 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     radius = config.rig.pulley_radius_m
     if rig.kind == "points":
         resolution = config.rig.force_resolution_N
-        resolution = math.nan if resolution is None else resolution
-        return reduce_plateaus(rig.columns, radius, rig_kind(config), resolution)
+        known = math.nan if resolution is None else resolution
+        return reduce_plateaus(rig.columns, radius, rig_kind(config), known)
     records = records_of(rig, config)
     if rig.is_artifact:  # from perfect cells
         return reduce_records(records, radius)
@@ -268,8 +269,7 @@ def _said(run: RunReduction) -> Iterator[str]:
 
 def _drag_taken_off(run: RunReduction) -> Iterator[str]:
     if run.drag_N_m is not None:
-        low, high = run.drag_N_m
-        size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        size = " to ".join(f"{drag:.3g}" for drag in dict.fromkeys(run.drag_N_m))
         yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
 
 
@@ -282,9 +282,11 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
     if kind.has_torque and derived and not any(run.drag_N_m for run in good):
         yield "drag of the bearings raises mu: record a run without the belt, column idle: true"
     if kind.measures == "torque_hub" and not kind.running and not held:
-        sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
-        ratios = [sliding / rest for sliding, rest in sums if np.isfinite(sliding / rest)]
-        growth = float(np.median(ratios or 1.0))
+        ratios = [
+            (run.tension_tight_N + run.tension_slack_N) / (2.0 * run.initial_tension_N)
+            for run in good
+        ]
+        growth = float(np.median([ratio for ratio in ratios if np.isfinite(ratio)] or 1.0))
         if abs(growth - 1.0) > CONSTANT:
             yield (
                 f"the hub force is {growth:.3g} times that at rest: if its load cell holds the "
@@ -324,8 +326,8 @@ def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKi
     """Refuse runs whose weight, torque or speed the load cells contradict."""
     if kind.running:
         return
-    checks = (*_weights(runs, config, kind), *_torques(runs, config, kind), *_travels(runs, config))
-    if problems := [line for line in checks if line]:
+    of_forces = (*_weights(runs, config, kind), *_torques(runs, config, kind))
+    if problems := [*filter(None, (*of_forces, *_travels(runs, config)))]:
         raise InputError(problems)
 
 
@@ -426,8 +428,9 @@ def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
             f"the belt slides, must be {1e3 * low:.2g} to {1e3 * high:.2g} mm with the stated "
             "rig.span_length_m and belt.axial_stiffness_N"
         )
-        factor = float(np.sqrt(low * high)) / travel
-        yield _contradiction(config, label, "pulley_speed_rad_s", found, factor)
+        yield _contradiction(
+            config, label, "pulley_speed_rad_s", found, float(np.sqrt(low * high)) / travel
+        )
 
 
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
@@ -439,8 +442,10 @@ def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tupl
         samples.setdefault(label, SMALL_SAMPLES)
     records = {record.result.run: record for record in records_of(rig, config)}
     if missing := sorted(set(samples) - set(records)):
-        of = f"{friction.path} was made from another recording"
-        raise InputError(f"{rig.path}: has no run {listed(missing)}; {of}")
+        raise InputError(
+            f"{rig.path}: has no run {listed(missing)}; {friction.path} was made from another "
+            "recording"
+        )
     parts = [_thinned(records[run], most) for run, most in samples.items()]
     return Outcome(joined(parts), tuple(samples))
 

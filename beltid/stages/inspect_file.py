@@ -50,11 +50,15 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         except InputError as error:
             if len(paths) == 1:
                 raise
-            about: dict[str, Any] = {
-                "warnings": error.problems,
-                "verdict": f"cannot be read: {error.problems[0]}",
-            }
-            parts.append(Summary("inspect", str(path), exit_status=EXIT_INPUT, **about))
+            parts.append(
+                Summary(
+                    stage="inspect",
+                    title=str(path),
+                    warnings=error.problems,
+                    verdict=f"cannot be read: {error.problems[0]}",
+                    exit_status=EXIT_INPUT,
+                )
+            )
     if len(parts) == 1:
         return parts[0]
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
@@ -76,13 +80,14 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     verdict = "not yet understood: see what is still missing"
     if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
-    bench = schemas.table(kind).command if kind else "an unknown bench"
-    guessed = "" if stated or not kind else " (guessed)"
+    bench = "an unknown bench"
+    if kind:
+        bench = schemas.table(kind).command + ("" if stated else " (guessed)")
     rows = _channel_rows(inspection)
     tables = {"runs": runs[:SHOWN_RUNS], "all runs": runs if len(runs) > SHOWN_RUNS else []}
     return Summary(
         stage="inspect",
-        title=f"{path}, recording of {bench}{guessed}",
+        title=f"{path}, recording of {bench}",
         facts=_facts(inspection),
         table=rows,
         shown=tuple(n for n in next(iter(rows), {}) if n != "first"),  # terminals have 80 columns
@@ -106,11 +111,14 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
     }
     if not runs:
         return facts
-    facts |= {"runs": len(runs), "samples": sum(run["samples"] for run in runs)}
-    for name in ("arc_deg", "initial_tension_N"):
-        if values := sorted({run[name] for run in runs if name in run}):
-            facts[name] = values
-    return facts | {"runs_with_gaps": sum(1 for run in runs if run["gaps_at_s"])}
+    names = ("arc_deg", "initial_tension_N")
+    settings = {name: sorted({run[name] for run in runs if name in run}) for name in names}
+    return facts | {
+        "runs": len(runs),
+        "samples": sum(run["samples"] for run in runs),
+        **{name: values for name, values in settings.items() if values},
+        "runs_with_gaps": sum(1 for run in runs if run["gaps_at_s"]),
+    }
 
 
 def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
@@ -131,9 +139,9 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
 
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
     """Return the config section for what was recognised, with comments for what is missing."""
-    kind, lines = inspection.kind, list[str]()
-    if kind:
-        lines += ["data:", f"  {kind}: {value_text(path.absolute())}"]
+    lines = list[str]()
+    if inspection.kind:
+        lines += ["data:", f"  {inspection.kind}: {value_text(path.absolute())}"]
     if inspection.rig:
         lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]
     lines += section_lines([inspection], config)
@@ -174,19 +182,17 @@ def _units(inspection: Inspection, config: Config) -> list[str]:
         elif match.stated and match.channel.unit:
             lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
         ours = columns[role].unit
-        open_unit = not match.stated and not canonical_unit(match.channel.unit).strip("-")
-        if match.how == "recognised" and open_unit and ours:
-            rpm = ", or rpm" if ours == "rad/s" else ""
-            comments.append(f"#     {role}: {value_text(ours)}  # if correct{rpm}")
+        is_open = not match.stated and not canonical_unit(match.channel.unit).strip("-")
+        if match.how == "recognised" and is_open and ours:
+            correct = "correct, or rpm" if ours == "rad/s" else "correct"
+            comments.append(f"#     {role}: {value_text(ours)}  # if {correct}")
     return lines + comments
 
 
 def _runs(inspection: Inspection, config: Config) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
     stated = config.runs[inspection.kind]
-    table = stated["table"] and stated["table"].absolute()
-    keys = {"pattern": stated["pattern"], "table": table, "values": dict(stated["values"])}
-    entries = [f"    {key}: {value_text(value)}" for key, value in keys.items() if value]
+    entries = [f"    {key}: {value_text(value)}" for key, value in stated.items() if value]
     if inspection.pattern:
         how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
         entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))
@@ -200,8 +206,9 @@ def new_config(
     path, values = out or Path(f"{name}.yaml"), _of_name(name)
     sources = dict.fromkeys(values, "from the name")
     _config(values)  # checks the name
-    recordings = {f"recording {file}": file for file in files}
-    check_place(path, (".yaml", ".yml"), inputs=recordings, force=force)
+    check_place(
+        path, (".yaml", ".yml"), inputs={f"recording {file}": file for file in files}, force=force
+    )
     problems, inspections = list[str](), list[Inspection]()
     for file in files:
         try:
@@ -217,8 +224,8 @@ def new_config(
     if problems:
         raise InputError(problems)
     config = _config(values)
-    text = "\n".join([template_text(config, sources), *section_lines(inspections, Config()), ""])
-    write_bytes(path, text.encode())
+    lines = [template_text(config, sources), *section_lines(inspections, Config()), ""]
+    write_bytes(path, "\n".join(lines).encode())
     rows = [
         {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
         for place, value, _ in effective_values(config)
@@ -237,9 +244,9 @@ def new_config(
 
 def _of_name(name: str) -> dict[str, Any]:
     """Return the values that follow from a name: 6pk is a 6PK with six ribs."""
-    match = re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE)
-    more = {"belt.type": name.upper(), "belt.ribs": int(match[1])} if match else {}
-    return {"belt.name": name, **more}
+    if match := re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE):
+        return {"belt.name": name, "belt.type": name.upper(), "belt.ribs": int(match[1])}
+    return {"belt.name": name}
 
 
 def _inspected(file: Path) -> Inspection:
@@ -250,8 +257,8 @@ def _inspected(file: Path) -> Inspection:
             f"{file}: of an unknown bench, must be {', '.join(KINDS)}; see `beltid inspect {file}`"
         )
     for line in inspection.problems[:1]:
-        more = f"`beltid inspect {file}` lists everything that must be stated"
-        log.warning("data.%s: %s; %s", inspection.kind, line, more)
+        text = "data.%s: %s; `beltid inspect %s` lists everything that must be stated"
+        log.warning(text, inspection.kind, line, file)
     return inspection
 
 
@@ -265,8 +272,9 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:
-            text = "%s is left open: the recording has %d values, which are used"
-            log.info(text, key, len(settings))
+            log.info(
+                f"{key} is left open: the recording has {len(settings)} values, which are used"
+            )
         elif settings:
             values[key] = settings
     return values

@@ -63,14 +63,16 @@ class OnPage:
                     shown[name] = sha256(read_bytes(path, ArtifactError))
                 except ArtifactError as error:
                     shown[name] = str(error)
-        left = [name for name in shown if self.is_left(name)]
-        return [self.folder.resolve().name, shown, left, sorted(self.recordings), self.failures]
+        folder, left = self.folder.resolve().name, [*filter(self.is_left, shown)]
+        return [folder, shown, left, sorted(self.recordings), self.failures]
 
 
 def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
     """Return the links of a page that compares belts to their own pages."""
-    above = out.absolute().parent
-    return [quote(Path(os.path.relpath(b.folder / NAME, above)).as_posix()) for b in belts]
+    return [
+        quote(Path(os.path.relpath(belt.folder / NAME, out.absolute().parent)).as_posix())
+        for belt in belts
+    ]
 
 
 def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
@@ -120,8 +122,7 @@ def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> N
         wanted["press-curves"] = {"frame": data.press}
     if data.rig is not None and friction.exists():
         wanted["rig-curves"] = {"frame": data.rig, "friction": friction}
-    for name, files in wanted.items():
-        stage = STAGES[name]
+    for stage, files in ((STAGES[name], files) for name, files in wanted.items()):
         try:
             stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)
         except BeltidError as error:

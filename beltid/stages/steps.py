@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from beltid import stages
 from beltid.stage import Outcome, stage
+from beltid.store.artifact import read_artifact
 
 ConfigLike = Any
 OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
@@ -227,8 +228,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
     if "friction" in files:  # as in the chain, where nothing heavy is imported
         return files
-    from beltid.store.artifact import read_artifact
-
     friction = stages.inputs.friction_of(read_artifact(files["surface"], "surface"))
     return files if friction is None else {**files, "friction": friction.path}
 
@@ -284,9 +283,8 @@ def simulate_recording(
     --------
     beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
-    picked = arc or (), tension or (), speed or ()
-    workers = workers or stages.workers.threads(jobs)
-    return stages.rig.simulated(surface, law, friction, config, picked, method, workers)
+    picked, pool = (arc or (), tension or (), speed or ()), workers or stages.workers.threads(jobs)
+    return stages.rig.simulated(surface, law, friction, config, picked, method, pool)
 
 
 @stage(
@@ -372,9 +370,8 @@ def cross_validate(
     --------
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
-    by = by or config.cross_validate.by
-    workers = workers or stages.workers.threads(jobs)
-    return stages.compare.predicted_runs(friction, law, config, by, workers)
+    by, pool = by or config.cross_validate.by, workers or stages.workers.threads(jobs)
+    return stages.compare.predicted_runs(friction, law, config, by, pool)
 
 
 @stage(
