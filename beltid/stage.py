@@ -55,7 +55,6 @@ Kind = str | tuple[str, ...]  # of an input; or several, of which the file is on
 SUFFIX: Final = ".parquet"
 RECORDINGS: Final = ("press", "rig", "speedloss")
 HIDDEN: Final = ("workers",)  # keywords of a stage that are no options
-NO_MATTER: Final = ("jobs", *HIDDEN)  # keywords that change no result
 BUILT_IN: Final = "built-in 5PK rig"
 
 
@@ -88,8 +87,11 @@ class Outcome(Generic[Result]):
 
     def said(self) -> dict[str, Any]:
         """Return what the record of an artifact says of the result, as plain JSON values."""
-        named = [of.name for of in fields(Record) if hasattr(self, of.name)]
-        return {name: plain(getattr(self, name)) for name in named}
+        return {
+            of.name: plain(getattr(self, of.name))
+            for of in fields(Record)
+            if hasattr(self, of.name)
+        }
 
     def plot(self, figure: str | None = None) -> Figure:
         """Plot the table with matplotlib, as ``beltid show`` does.
@@ -196,9 +198,9 @@ class Stage:
 
     def file_name(self, options: Mapping[str, Any] | None = None) -> str:
         """Return the name of the file that it writes, by default without any choice."""
-        chosen = {p.name: p.default for p in self.options} | dict(options or {})
-        name = self.file(**chosen) if callable(self.file) else self.file
-        return name or f"{self.makes}{SUFFIX}"
+        if callable(self.file):
+            return self.file(**{p.name: p.default for p in self.options} | dict(options or {}))
+        return self.file or f"{self.makes}{SUFFIX}"
 
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
         """Compute from tables, results and laws in memory."""
@@ -281,8 +283,10 @@ class Stage:
         existing = self._check_place(source, reads, out, force=force)
         inputs = {file.name: file.content() for file in reads.values()}
         settings = self._settings(config, kinds, options)
-        of_config = config.model_fields_set.intersection(self.uses)
-        stated = {name: sorted(getattr(config, name).model_fields_set) for name in of_config}
+        stated = {
+            name: sorted(getattr(config, name).model_fields_set)
+            for name in config.model_fields_set.intersection(self.uses)
+        }
         parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
         planned = Record(
             self.makes,
@@ -308,8 +312,8 @@ class Stage:
             found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
-        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        return found | plain({n: v for n, v in chosen.items() if v and n not in NO_MATTER})
+        chosen = {p.name: options.get(p.name, p.default) for p in self.options if p.name != "jobs"}
+        return found | plain({name: value for name, value in chosen.items() if value})
 
     def _check_place(
         self, source: ConfigSource, reads: Mapping[str, Input], out: Path, *, force: bool

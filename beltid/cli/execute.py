@@ -174,7 +174,7 @@ class Terminal(logging.Handler):
             self._tasks[label] = (first, now)
             left = (now - first) / (done - 1) * (total - done)
             text = f"{printable(label)}: {done} of {total}, about {left:.0f} s left"
-            self._print(text + "\n" * (not terminal))
+            self._print(text if terminal else f"{text}\n")
             self._clear = CLEAR_LINE * terminal
 
     def _print(self, text: str) -> None:

@@ -47,8 +47,6 @@ FIRST: Final = {
     "config": "show or check a config",
 }
 """Commands that are no steps, in the order of the help."""
-SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
-VERSION_HELP: Final = "Show the version and exit; with -v, those of all libraries."
 SHORT: Final = {
     "jobs": "-j",
     "dry_run": "-n",
@@ -170,13 +168,20 @@ def command(
 
         def called(*args: Any, **values: Any) -> None:
             given = Common(**{name: values.pop(name) for name in common})
-            left = kept and kept.format(out=given.out or "runs")
-            finish(lambda: function(*args, common=given, **values), given, left)
+            finish(
+                lambda: function(*args, common=given, **values),
+                given,
+                kept and kept.format(out=given.out or "runs"),
+            )
 
         called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         called.__annotations__ = {p.name: p.annotation for p in parameters}
         called.__doc__ = f"{text}\n\n{example}"
-        of.command(name, short_help=short, epilog=SEE)(called)
+        of.command(
+            name,
+            short_help=short,
+            epilog="Options of every command (-c, -o, -f, -q, -v, --json): beltid --help",
+        )(called)
         return function
 
     return made
@@ -220,11 +225,8 @@ def add_step(stage: Any) -> None:
 
 def _short(stage: Any) -> str:
     """Return the line of a step in the list of commands: what it reads and writes."""
-    needed = [
-        _kind(stage, name).upper()
-        for name, p in stage.signature.parameters.items()
-        if name in stage.reads and p.kind is not KEYWORD
-    ]
+    parameters = stage.signature.parameters
+    needed = [_kind(stage, n).upper() for n in stage.reads if parameters[n].kind is not KEYWORD]
     return f"{', '.join(needed)} -> {stage.file_name()}"
 
 
@@ -268,8 +270,7 @@ def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
     """Split a numpydoc text: what it says, its parameters with type and meaning, its examples."""
     text, *parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
     found = dict(zip(parts[::2], parts[1::2], strict=True))
-    pattern = r"^(\w+) : (.*)\n((?:    .*\n?)+)"
-    told = re.findall(pattern, found.get("Parameters", ""), flags=re.M)
+    told = re.findall(r"^(\w+) : (.*)\n((?:    .*\n?)+)", found.get("Parameters", ""), flags=re.M)
     example = "\n         ".join(found.get("Examples", "").split("\n")).strip()
     mark = "\b\n" if "\n" in example else ""
     return (
@@ -280,7 +281,14 @@ def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
 
 
 @app.callback()
-def _top(version: Annotated[bool, typer.Option("--version", help=VERSION_HELP)] = False) -> None:
+def _top(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit; with -v, those of all libraries."
+        ),
+    ] = False,
+) -> None:
     """Declare for the help what the group does."""
 
 

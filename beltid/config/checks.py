@@ -56,8 +56,9 @@ def each(items: Iterable[tuple[str | int, Any, Check]]) -> dict[Any, Any]:
         except ValidationError as error:
             for inner in error.errors(include_url=False):
                 kind = PydanticCustomError(inner["type"], inner["msg"], inner.get("ctx"))
-                loc = (place, *inner["loc"])
-                wrong.append(InitErrorDetails(type=kind, loc=loc, input=inner["input"]))
+                wrong.append(
+                    InitErrorDetails(type=kind, loc=(place, *inner["loc"]), input=inner["input"])
+                )
     if wrong:
         raise ValidationError.from_exception_data("config", wrong)
     return valid
@@ -158,8 +159,10 @@ class Keys:
             raise complain("a section with the keys " + ", ".join(self.known))
         given: dict[str, Any] = {k: {} for k, of in self.known.items() if isinstance(of, Keys)}
         given |= {str(name): item for name, item in value.items() if item is not None}
-        valid = each((k, item, self.known.get(k, self._unknown)) for k, item in given.items())
-        return {**self.default, **valid}
+        return {
+            **self.default,
+            **each((k, item, self.known.get(k, self._unknown)) for k, item in given.items()),
+        }
 
     def _unknown(self, value: Any) -> Any:
         raise PydanticCustomError("unknown", "unknown", {"known": list(self.known)})

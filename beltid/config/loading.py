@@ -82,13 +82,14 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
 def _checked(source: Source) -> Config:
     """Validate the values of a source; raise all problems, in the order of the file."""
     # an empty section, such as `compare:` with all keys commented out, means its defaults
-    values = {
-        key: value
-        for key, value in source.values.items()
-        if value is not None or key not in Config.model_fields
-    }
     try:
-        return Config.model_validate(values)
+        return Config.model_validate(
+            {
+                key: value
+                for key, value in source.values.items()
+                if value is not None or key not in Config.model_fields
+            }
+        )
     except ValidationError as error:
         problems = [
             (
@@ -155,8 +156,9 @@ def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
-        told = f"{path}: this config was {how}, --config names another"
-        raise ConfigError([*error.problems, told]) from None
+        raise ConfigError(
+            [*error.problems, f"{path}: this config was {how}, --config names another"]
+        ) from None
 
 
 def effective_values(
@@ -179,8 +181,8 @@ def message(detail: Mapping[str, Any], model: type[Section], node: Any = None) -
         known = detail.get("ctx", {}).get("known") or _keys_at(path[:-1], model)
         return f"{format_path(path)} is not a known key{_remedy(path, known, model)}"
     if kind in ("model_type", "model_attributes_type"):
-        allowed = f"must be a section with the keys {', '.join(_keys_at(path, model))}"
-        return f"{format_path(path)} = {_found(detail['input'], node)}, {allowed}"
+        keys = ", ".join(_keys_at(path, model))
+        detail = {**detail, "msg": f"must be a section with the keys {keys}"}
     return problem(detail, path, _found(detail["input"], node))
 
 
@@ -270,9 +272,10 @@ def read_source(path: Path) -> Source:
     except FileNotFoundError:
         raise ConfigError(f"{path}: there is no such config file") from None
     except UnicodeDecodeError as error:
-        wrong = f"byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8"
         line = raw.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{path}:{line}: {wrong}") from None
+        raise ConfigError(
+            f"{path}:{line}: byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8"
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
@@ -299,8 +302,8 @@ def _parsed(text: str, name: str) -> Source:
         reason = str(error.problem)
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
-        if isinstance(error, DuplicateKeyError):
-            reason = next(_twice(root, (), set()))
+        if isinstance(error, DuplicateKeyError):  # it goes on with both values, of any length
+            reason = f"{reason.partition(' with value')[0]}, each key must be given once"
         elif "'\\t'" in reason:
             reason = "a tab, indent with blanks"
         elif "mapping values are not allowed" in reason:
@@ -308,19 +311,6 @@ def _parsed(text: str, name: str) -> Source:
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
-
-
-def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
-    """Say of each key that a section has twice where it stood first; an alias is seen once."""
-    if id(node) in seen:
-        return
-    seen.add(id(node))
-    lines: dict[str | int, int] = {}
-    for name, key, value in _items(node):
-        if name in lines:
-            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
-        lines.setdefault(name, key.start_mark.line + 1)
-        yield from _twice(value, (*path, name), seen)
 
 
 def _items(node: Any) -> list[tuple[str | int, Any, Any]]:

@@ -21,7 +21,6 @@ from beltid.config.checks import Section, count, key, number, settings
 from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
 Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
@@ -73,7 +72,9 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    holds: Holds | None = key(None, "what stays while the pulley turns; null: by the channels")
+    holds: Literal["stretch", "weight_tight", "weight_slack", "hub_force"] | None = key(
+        None, "what stays while the pulley turns; null: by the channels"
+    )
     weight_N: float | None = number(None, 0, 1e5, "N", "dead weight of all runs; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
     pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
@@ -139,8 +140,7 @@ class DataSection(Section):
     @property
     def files(self) -> dict[str, Path]:
         """Paths of the stated recordings, by kind."""
-        paths = {"press": self.press, "rig": self.rig, "speedloss": self.speedloss}
-        return {kind: path for kind, path in paths.items() if path is not None}
+        return {kind: path for kind in KINDS if (path := getattr(self, kind)) is not None}
 
 
 class CompareSection(Section):
@@ -339,8 +339,7 @@ def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks
     found = {}
     for kind in KINDS:
         columns = (*(table("points").columns if kind == "rig" else ()), *table(kind).columns)
-        known = {column.name: check(column) for column in columns}
-        found[kind] = checks.Keys({name: of for name, of in known.items() if of})
+        found[kind] = checks.Keys({c.name: of for c in columns if (of := check(c))})
     return found
 
 
@@ -406,8 +405,10 @@ class Config(Section):
 
     def belt_params(self) -> params.Belt:
         """Return the section properties of the belt."""
-        stiffness = self.belt.axial_stiffness_N, self.belt.bending_stiffness_N_m2
-        return params.Belt(*stiffness, self.belt.mass_per_length_kg_m, self.belt.damping_time_s)
+        b = self.belt
+        return params.Belt(
+            b.axial_stiffness_N, b.bending_stiffness_N_m2, b.mass_per_length_kg_m, b.damping_time_s
+        )
 
     def rig_params(self) -> params.Rig:
         """Return the geometry of the rig."""
@@ -416,12 +417,19 @@ class Config(Section):
 
     def contact_params(self) -> params.Contact:
         """Return the settings of the contact."""
-        ratio = self.simulation.sticking_ratio
-        return params.Contact(self.contact.damping_N_s_m, self.contact.points_per_element, ratio)
+        return params.Contact(
+            self.contact.damping_N_s_m,
+            self.contact.points_per_element,
+            self.simulation.sticking_ratio,
+        )
 
     @property
     def sha256(self) -> str:
         """SHA-256 of all that can change a result, independent of the formatting of the file."""
-        values = self.model_dump(mode="json", exclude={"data"})
-        text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        text = json.dumps(
+            self.model_dump(mode="json", exclude={"data"}),
+            sort_keys=True,
+            separators=(",", ":"),
+            allow_nan=False,
+        )
         return hashlib.sha256(text.encode()).hexdigest()

@@ -122,8 +122,11 @@ def agreement(
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
     if result.share_compared < ENOUGH:
-        of = f"{n} of {result.n_usable} measured runs"
-        warnings.insert(0, f"only {of} were compared: the verdict holds for these only")
+        warnings.insert(
+            0,
+            f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "
+            "these only",
+        )
     return Outcome(
         result.columns | columns | {"status": np.full(n, OK, dtype=object)},
         result,
@@ -190,8 +193,10 @@ def predicted_runs(
             0, "a single arc was left: the uncertainty does not include how much arcs differ"
         )
     if beyond := sum(prediction.beyond for prediction in predicted):
-        others = f"{beyond} of {rows.size} runs have a mean force that no other has"
-        notes.insert(0, f"nearest value used: {others}")
+        notes.insert(
+            0,
+            f"nearest value used: {beyond} of {rows.size} runs have a mean force that no other has",
+        )
     return replace(
         outcome,
         facts={"hold_out": by, **outcome.facts},

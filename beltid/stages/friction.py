@@ -436,18 +436,18 @@ def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
     """Return runs over time for the report, thinned: typical ones and those set aside less."""
     labels = friction.columns["run"]
-    aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE].tolist()
+    aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE]
     samples = {str(labels[k]): MOST_SAMPLES for k in (*typical_runs(friction.columns), *aside)}
-    for label in map(str, labels[:MOST_RUNS]):
-        samples.setdefault(label, SMALL_SAMPLES)
+    samples |= {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS] if label not in samples}
     records = {record.result.run: record for record in records_of(rig, config)}
     if missing := sorted(set(samples) - set(records)):
         raise InputError(
             f"{rig.path}: has no run {listed(missing)}; {friction.path} was made from another "
             "recording"
         )
-    parts = [_thinned(records[run], most) for run, most in samples.items()]
-    return Outcome(joined(parts), tuple(samples))
+    return Outcome(
+        joined([_thinned(records[run], most) for run, most in samples.items()]), tuple(samples)
+    )
 
 
 def typical_runs(friction: Columns) -> tuple[int, ...]:

@@ -199,9 +199,8 @@ def ok_rows(friction: Columns) -> np.ndarray:
 def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
     """Fill in nominal tensions: that at rest, else the mean while sliding (hub force: first)."""
     setting = np.asarray(friction["nominal_tension_N"], dtype=float)
-    unknown = np.full(setting.size, np.nan)
     rest, tight, slack = (
-        np.asarray(friction.get(name, unknown), dtype=float)
+        np.asarray(friction.get(name, np.full(setting.size, np.nan)), dtype=float)
         for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
     )
     candidates = (rest, 0.5 * (tight + slack))

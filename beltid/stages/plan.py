@@ -229,9 +229,8 @@ def _session(
 
 def _size(source: Source) -> str:
     """Format the standard uncertainty of a source; one known only from the data has no figure."""
-    if source.basis == FITTED and source.error not in EFFECT_SOURCES:
-        return "by the data"
-    return f"{source.shown:.3g} {source.unit}"
+    by_data = source.basis == FITTED and source.error not in EFFECT_SOURCES
+    return "by the data" if by_data else f"{source.shown:.3g} {source.unit}"
 
 
 def _verdict(plan: Plan, goal_u: float) -> str:

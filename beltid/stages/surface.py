@@ -244,8 +244,9 @@ class Refinement:
 
 def with_covariance(found: RefinedSurface) -> FrictionSurface:
     """Return a refined surface with its covariance by source."""
-    names = [source.name for source in found.uncertainty.sources]
-    return found.surface.with_covariance(found.uncertainty.factor, names)
+    return found.surface.with_covariance(
+        found.uncertainty.factor, [source.name for source in found.uncertainty.sources]
+    )
 
 
 def refined(
@@ -321,14 +322,17 @@ def prepared_campaign(
         why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons)
         raise InputError(f"{counted(good.size, 'run')} can be used, at least 4 are needed{why}")
     start = published_from(columns, good).surface
-    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
+    campaign = Campaign(
+        measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force),
+        Bench(config.belt_params(), rig, config.contact_params(), press.law, start),
+        press,
+    )
     # the speeds that are published, and those that are left out there
     published, v = start.slip_speed_m_s, np.abs(columns["slip_speed_m_s"][good])
     far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
     label = settings_of(far, SETTING_GAP)
     speeds = np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
-    return Campaign(measured, bench, press), speeds, good, set_aside
+    return campaign, speeds, good, set_aside
 
 
 def rig_of_runs(columns: Columns, config: Config) -> Rig:
@@ -397,8 +401,8 @@ def _disagreement(result: Refinement) -> Iterator[str]:
             of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
             size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
             digits = max(0, 1 - math.floor(math.log10(u)))
-            change = f"{size:+.{digits}f} ± {u:.{digits}f} %"
-            yield f"friction changes by {change}{of} ({what}): {meaning}"
+            change = f"{size:+.{digits}f} ± {u:.{digits}f} %{of}"
+            yield f"friction changes by {change} ({what}): {meaning}"
     if scale > MOST_NOISE:
         yield (
             f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "

@@ -147,7 +147,7 @@ def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "arti
 
     table = schemas.table(record.kind)
     values = normalised(columns, table, name)
-    stated = plain({**asdict(record), "version": table.version})
+    stated = plain(asdict(record) | {"version": table.version})
     text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
     return parquet_bytes(values, table, {RECORD_KEY: text, SEAL_KEY: seal(text, values)})
 
@@ -168,8 +168,10 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     stored = file.metadata.metadata or {}
     if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
-            again = _command(kind_in(data) or kind or "")
-            raise ArtifactError(f"{path}: written by an earlier version; {again} makes it again")
+            raise ArtifactError(
+                f"{path}: written by an earlier version; {_command(kind_in(data) or kind or '')} "
+                "makes it again"
+            )
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{needed}")
     text = stored[RECORD_KEY]
     try:

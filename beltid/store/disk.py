@@ -10,7 +10,6 @@ import contextlib
 import functools
 import hashlib
 import os
-import secrets
 import stat
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -60,7 +59,7 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Write a file: no reader ever sees a part of it, and on a failure an earlier one stays."""
     target = Path(os.path.realpath(path))  # a link keeps pointing where it points
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(8)}.beltid-tmp")
+    temporary = target.with_name(f".{target.name}.{os.urandom(8).hex()}.beltid-tmp")
     try:
         if os.path.lexists(target) and not target.is_file():
             raise ArtifactError(f"{path}: not written: this is not an ordinary file")
