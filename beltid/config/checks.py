@@ -103,13 +103,13 @@ class Number:
 def _hint(value: Any) -> str:
     """Tell why a text is not a number."""
     text = value.strip() if isinstance(value, str) else ""
-    if re.fullmatch(r"[-+]?\d+,\d+([eE][-+]?\d+)?", text):
-        return f" (the decimal sign is a point: {text.replace(',', '.')})"
-    if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", text):
-        return " (without quotes)"
-    if re.match(r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°]", text):
-        return " (the number alone; its unit is in the key)"
-    return ""
+    hints = {
+        r"[-+]?\d+,\d+([eE][-+]?\d+)?": f"the decimal sign is a point: {text.replace(',', '.')}",
+        r"[-+]?[\d.]+([eE][-+]?\d+)?": "without quotes",
+        r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°].*": "the number alone; its unit is in the key",
+    }
+    found = (f" ({hint})" for form, hint in hints.items() if re.fullmatch(form, text, re.DOTALL))
+    return next(found, "")
 
 
 @dataclass(frozen=True, slots=True)

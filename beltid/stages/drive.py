@@ -32,6 +32,7 @@ from beltid.stages.inputs import (
     span,
     standard_uncertainties,
     surface_from,
+    that_hold,
 )
 from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.sources import DRIVE, PRESS, budget, stated_sources
@@ -53,7 +54,7 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
     log.info("%d operating points, %s", len(points), section.method)
     drive = drive_of(config, friction, press.law)
     least = min(Simulator(drive).at_rest(point).T_0 for point in points.values())
-    stated = [*_of_config(config, drive, least)]
+    stated = _of_config(config, drive, least)
     simulator = Simulator(drive, section.method)
     good, failed = _solved(simulator, points)
     # the most loaded point: of those with a steady state, if there is any
@@ -237,23 +238,31 @@ def load_pulley(section: DriveSection) -> str:
     return candidates[0]
 
 
-def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[str]:
-    """Yield warnings about what the config states of a drive; refuse spans too short for rods."""
-    if "drive" not in config.model_fields_set:
-        yield "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart"
-    if config.belt.shear_stiffness_N_m2 is not None:
-        yield "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small"
+def _of_config(config: Config, drive: Drive, least_tension: float) -> list[str]:
+    """Return warnings about what the config states of a drive; refuse spans too short for rods."""
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, least_tension))
     if problems and config.drive.method == "rod":
         raise InputError(problems)
     low, high = (share * config.rig.pulley_radius_m for share in ALIKE_RADII)
-    for pulley in drive.pulleys:
-        if pulley.ribs and not low <= pulley.R <= high:
-            yield (
+    return that_hold(
+        (
+            "drive" not in config.model_fields_set,
+            "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart",
+        ),
+        (
+            config.belt.shear_stiffness_N_m2 is not None,
+            "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small",
+        ),
+        *(
+            (
+                pulley.ribs and not low <= pulley.R <= high,
                 f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low:g} to {high:g} m, "
-                "where the contact of the rig may hold"
+                "where the contact of the rig may hold",
             )
+            for pulley in drive.pulleys
+        ),
+    )
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
@@ -383,25 +392,43 @@ def _budget(loss: np.ndarray, uncertainty: DriveUncertainty) -> Rows:
     )
 
 
-def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:
-    yield "friction power is that of the contact; bending and seating cost about as much again"
-    if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
-        slowest, how = drive.surface.validity["slip_speed_m_s"][0], "is taken at that speed"
-        if drive.friction is not drive.surface.tables():
-            how = "follows half of the trend there, ± that half"
-        yield f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}"
-    if method == "rod":
-        yield "shares and, below full slip, uncertainties are those of a string; slip limits to 1 %"
-    if of_string:
-        yield f"no steady state of the rod for some inputs, so by a string: {', '.join(of_string)}"
-    if drive.surface.factor is None:
-        yield "the friction surface has no covariance: it is assumed to be exact"
-    for status, words in (
-        ("gross slip", "cannot be transmitted with the friction that is known"),
-        ("slack", "leave a span without tension"),
-    ):
-        if runs := dict.fromkeys(columns["run"][columns["status"] == status].tolist()):
-            yield f"{len(runs)} points {words}: {', '.join(runs)}"
+def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> list[str]:
+    slowest, how = drive.surface.validity["slip_speed_m_s"][0], "is taken at that speed"
+    if drive.friction is not drive.surface.tables():
+        how = "follows half of the trend there, ± that half"
+    gross, slack = (
+        dict.fromkeys(columns["run"][columns["status"] == status].tolist())
+        for status in ("gross slip", "slack")
+    )
+    return [
+        "friction power is that of the contact; bending and seating cost about as much again",
+        *that_hold(
+            (
+                np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0,
+                f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}",
+            ),
+            (
+                method == "rod",
+                "shares and, below full slip, uncertainties are those of a string; slip limits to "
+                "1 %",
+            ),
+            (
+                of_string,
+                "no steady state of the rod for some inputs, so by a string: "
+                f"{', '.join(of_string)}",
+            ),
+            (
+                drive.surface.factor is None,
+                "the friction surface has no covariance: it is assumed to be exact",
+            ),
+            (
+                gross,
+                f"{len(gross)} points cannot be transmitted with the friction that is known: "
+                f"{', '.join(gross)}",
+            ),
+            (slack, f"{len(slack)} points leave a span without tension: {', '.join(slack)}"),
+        ),
+    ]
 
 
 def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:

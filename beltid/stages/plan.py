@@ -235,19 +235,16 @@ def _size(source: Source) -> str:
 
 def _verdict(plan: Plan, goal_u: float) -> str:
     before, after, goal = 100.0 * plan.before, 100.0 * plan.after, 100.0 * goal_u
-    if plan.stop is None:
-        return (
-            f"{counted(len(plan.chosen), 'run')}: uncertainty of mu {before:.3g} % -> {after:.2g} "
-            f"%, goal {goal:g} % {'reached' if after <= goal else 'not reached'}"
-        )
-    if plan.stop == "goal reached":
-        return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
-    if plan.stop == "runs do not help":
-        return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
     text = f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs"
     if best := plan.best_statement:
         text += (
             f"; halving the uncertainty of {best.source.name} would help most and give "
             f"{100.0 * best.halved:.2g} % in place of {before:.2g} %"
         )
-    return text
+    return {
+        None: f"{counted(len(plan.chosen), 'run')}: uncertainty of mu {before:.3g} % -> "
+        f"{after:.2g} %, goal {goal:g} % {'reached' if after <= goal else 'not reached'}",
+        "goal reached": f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %",
+        "runs do not help": "stop: further runs hardly lower the uncertainty of mu, "
+        f"{before:.2g} %",
+    }.get(plan.stop, text)

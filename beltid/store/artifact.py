@@ -108,18 +108,19 @@ class Artifact:
 
 def plain(value: Any) -> Any:
     """Convert a value to plain JSON types; nan and infinity become null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
     if hasattr(value, "tolist"):  # an array or a number of numpy
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, (str, int)) or value is None:
-        return value
-    if isinstance(value, Path):
-        return str(value)
+        value = value.tolist()
+    match value:
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain(item) for item in value]
+        case float():
+            return value if math.isfinite(value) else None
+        case str() | int() | None:
+            return value
+        case Path():
+            return str(value)
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
     raise TypeError(f"{type(value).__name__} cannot be stored in a record")
