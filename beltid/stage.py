@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
+from beltid.store import disk
 from beltid.store.artifact import (
     Artifact,
     Origin,
@@ -31,15 +32,6 @@ from beltid.store.artifact import (
     read_artifact,
     refuse_misfits,
     write_artifact,
-)
-from beltid.store.disk import (
-    FOREIGN,
-    OURS,
-    check_place,
-    opened,
-    sha256,
-    source_sha256,
-    write_bytes,
 )
 
 if TYPE_CHECKING:
@@ -253,7 +245,7 @@ class Stage:
             return write_artifact(out, outcome.columns, record), False
         # for the operator of the bench
         text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        write_bytes(out, text.encode())
+        disk.write_bytes(out, text.encode())
         return Artifact(outcome.columns, record, out, ""), False
 
     def look(
@@ -274,7 +266,7 @@ class Stage:
             if not isinstance(kind, str):  # the artifact, or else the recording of another bench
                 kind = kind[0] if may_be_artifact(given[role]) else kind[1]
                 name = "recording" if kind in RECORDINGS else kind
-            besides = [table for of, table in config.run_tables.items() if of == kind]
+            besides = [config.run_tables[kind]] if kind in config.run_tables else []
             reads[role] = Input(given[role], kind, name, besides)
         kinds = [file.kind for file in reads.values()]
         for kind, path in config.run_tables.items():
@@ -287,13 +279,13 @@ class Stage:
             name: sorted(getattr(config, name).model_fields_set)
             for name in config.model_fields_set.intersection(self.uses)
         }
-        parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
+        parts = [__version__, disk.source_sha256(), self.name, inputs, settings, stated]
         planned = Record(
             self.makes,
             made_by=self.name,
-            made_from=sha256(json.dumps(parts, sort_keys=True).encode()),
+            made_from=disk.sha256(json.dumps(parts, sort_keys=True).encode()),
             software=f"beltid {__version__}",
-            sources=source_sha256(),
+            sources=disk.source_sha256(),
             inputs=inputs,
             config=BUILT_IN if source.path is None else source.path.name,
             config_sha256=config.sha256,
@@ -321,18 +313,18 @@ class Stage:
         """Refuse a place that is not for the result; return the artifact that is there."""
         data, existing, ending = b"", None, Path(self.file_name()).suffix
         if ending == SUFFIX and out.suffix == SUFFIX and out.is_file():
-            with opened(out, ArtifactError) as file:
+            with disk.opened(out, ArtifactError) as file:
                 data = file.read()
         kind = kind_in(data)
         if kind == self.makes:
             with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
                 existing = artifact_from_bytes(data, out, kind)
-        whose = OURS if kind == self.makes else f"a {kind} artifact" if kind else FOREIGN
+        whose = disk.OURS if kind == self.makes else f"a {kind} artifact" if kind else disk.FOREIGN
         inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
         for name, path in source.config.data.files.items():
             inputs[f"{name} recording of the config"] = path
         owner = (lambda path: whose) if ending == SUFFIX else None
-        check_place(out, (ending,), owner, inputs=inputs, force=force)
+        disk.check_place(out, (ending,), owner, inputs=inputs, force=force)
         return existing
 
     def _read(
@@ -360,8 +352,10 @@ class Stage:
             if is_own:
                 ancestors[file.name] = contents[file.name]
         refuse_misfits(hosts, guests)
-        origin = combined_origin(origins or [config.data.origin])
-        return items, {"origin": origin, "ancestors": ancestors}
+        return items, {
+            "origin": combined_origin(origins or [config.data.origin]),
+            "ancestors": ancestors,
+        }
 
 
 STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work

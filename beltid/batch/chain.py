@@ -157,8 +157,8 @@ def look_at_belt(
             state = TO_BE_MADE
             if not force and stale.isdisjoint(needs):
                 try:
-                    *_, existing = step.stage.look(source, step.inputs(files), out)
-                    state = TO_BE_MADE if existing is None else UP_TO_DATE
+                    if step.stage.look(source, step.inputs(files), out)[-1] is not None:
+                        state = UP_TO_DATE
                 except BeltidError as found:
                     state, error = WRONG, found
             if state != WRONG:
@@ -178,8 +178,8 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step, belt.states[step.name] in chain_of(source.config):
-            running = "rig_running" in belt.facts.get("fit-friction", {})
-            if running and step.name not in OF_RUNNING_BELT:
+            is_running = "rig_running" in belt.facts.get("fit-friction", {})
+            if is_running and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
             elif files.keys() >= set(step.needs.values()):
                 out, start = folder / f"{step.makes}.parquet", time.monotonic()
@@ -197,8 +197,8 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         if "not simulated" in belt.states.values():
             log.info(beltid.stages.rig.NOT_SIMULATED)
     # what lacks a recording is hidden as such, whoever writes the page
-    lacks = [step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING]
-    belt.made = sorted({*files, *lacks})
+    lack = (step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING)
+    belt.made = sorted({*files, *lack})
     return belt
 
 

@@ -121,8 +121,7 @@ def _here(
             yield run_one(source, place, jobs, force, report)
     if left:
         count = min(jobs, len(left))
-        more = (jobs // count, force, report)
-        calls = {source.name: (source, folder / source.name, *more) for source in left}
+        calls = {s.name: (s, folder / s.name, jobs // count, force, report) for s in left}
         yield from run_in_processes(run_one, calls, count)
 
 
@@ -156,9 +155,8 @@ def run_in_processes(
         try:
             yield from _ended(work, {name: call}, 1)
         except BrokenProcessPool:
-            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
-            belt = Belt(name)
-            belt.failed("process", BeltidError(text))
+            belt, twice = Belt(name), f"{name}: was killed twice (out of memory?)"
+            belt.failed("process", BeltidError(f"{twice}; run again, with fewer --jobs"))
             yield belt
 
 
@@ -256,8 +254,11 @@ def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
         verdict = f"{len(failed)} of {len(belts)} belts failed: {names}"
     origins = {row["origin"] for row in rows}
     # a column that is empty for all belts appears only for programs
-    columns = ["belt", *(name for name, _, _ in COLUMNS), "status"]
-    shown = [name for name in columns if any(row[name] is not None for row in rows)]
+    shown = [
+        name
+        for name in ("belt", *(name for name, _, _ in COLUMNS), "status")
+        if any(row[name] is not None for row in rows)
+    ]
     return Summary(
         stage="run",
         title="from the recordings to the comparison",
@@ -290,8 +291,11 @@ def _row(belt: Belt) -> dict[str, Any]:
 def _status(belt: Belt) -> str:
     if not belt.new and FAILED not in belt.states.values():
         return UP_TO_DATE
-    wrong = (FAILED, OUT_OF_TOLERANCE)
-    words = [f"{name} {state}" for name, state in belt.states.items() if state in wrong]
+    words = [
+        f"{name} {state}"
+        for name, state in belt.states.items()
+        if state in (FAILED, OUT_OF_TOLERANCE)
+    ]
     if belt.exit_status == EXIT_DONE:
         missing = " or ".join(belt.lacking)
         words.insert(0, f"{DONE}, without {missing}" if missing else DONE)

@@ -70,12 +70,13 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
             f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
         )
     config, folder = _checked(read_source(Path(source))), Path(source).parent
-    files = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
+    data = config.data.model_copy(
+        update={kind: _shorten(folder / path) for kind, path in config.data.files.items()}
+    )
     runs = {
         kind: {**config.runs[kind], "table": _shorten(folder / table)}
         for kind, table in config.run_tables.items()
     }
-    data = config.data.model_copy(update=files)
     return config.model_copy(update={"data": data, "runs": config.runs | runs})
 
 

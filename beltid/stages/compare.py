@@ -96,9 +96,8 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        # from perfect cells
-        of_rig = replace(recording_in(frame, "rig"), is_artifact=True)
-        return reduction_columns(reduce_rig(of_rig, config))
+        simulated = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
+        return reduction_columns(reduce_rig(simulated, config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {name: np.asarray(frame[name]) for name in names}
         frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
@@ -222,8 +221,11 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     arc_sources = [source for source in solution.uncertainty.sources if source.error == ARC][:1]
     of_arcs = [replace(source, place=k) for source in arc_sources for k in places]
     sources = with_sources(solution.uncertainty.sources, of_arcs)
-    bench = replace(campaign.bench, surface=surface)
-    of_fold = replace(campaign, measured=replace(measured, arc=arcs), bench=bench)
+    of_fold = replace(
+        campaign,
+        measured=replace(measured, arc=arcs),
+        bench=replace(campaign.bench, surface=surface),
+    )
     part = simulated_uncertainty(of_fold, sources, same_bench=True)
     if fold.by == "speed":
         missed = between_speeds(

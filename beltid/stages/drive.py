@@ -110,7 +110,6 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     _check_names(section, names)
     points = section.operating_points
     no_idlers = {*points.torque_N_m, *points.power_W, section.driving}
-    drag = section.idler_torque_N_m
     return Drive(
         config.belt_params(),
         law,
@@ -118,7 +117,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         tuple(
             Pulley(
                 *(p.name, p.x_m, p.y_m, p.radius_m, p.side == "rib"),
-                0.0 if p.name in no_idlers else drag,
+                0.0 if p.name in no_idlers else section.idler_torque_N_m,
             )
             for p in section.pulleys
         ),
@@ -147,10 +146,12 @@ def _check_names(section: DriveSection, names: Sequence[str]) -> None:
     problems += dict.fromkeys(
         f"drive.pulleys: {name} is named twice" for name in names if names.count(name) > 1
     )
-    if (section.tensioner is not None) != (section.installation == "tensioner"):
-        problems.append(
-            "drive.tensioner: must be stated with installation: tensioner, and only then"
+    problems += that_hold(
+        (
+            (section.tensioner is not None) != (section.installation == "tensioner"),
+            "drive.tensioner: must be stated with installation: tensioner, and only then",
         )
+    )
     if problems:
         raise InputError(problems)
 
@@ -184,11 +185,17 @@ def points_of_config(config: Config) -> dict[str, DrivePoint]:
         for key, values in lists.items()
         if len(values) not in (1, n)
     ]
-    length, tensions = section.belt_length_m, section.initial_tension_N
-    if length is not None and (tensions is not None or section.installation == "slack_force"):
-        problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
-    if section.installation != "tensioner" and tensions is None and length is None:
-        problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
+    length, tensions = section.belt_length_m is not None, section.initial_tension_N
+    problems += that_hold(
+        (
+            length and (tensions is not None or section.installation == "slack_force"),
+            "drive.belt_length_m: must not be stated with initial_tension_N",
+        ),
+        (
+            section.installation != "tensioner" and tensions is None and not length,
+            f"drive.initial_tension_N: must be stated with {section.installation}",
+        ),
+    )
     if problems:
         raise InputError(problems)
     found = list[DrivePoint]()

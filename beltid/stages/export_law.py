@@ -60,10 +60,14 @@ def run(
 ) -> Summary:
     """Write the law of a results folder or of a law file for one target or for all."""
     if target is None:
-        rows = [
-            {"target": name, "writes": of.title, "holds": of.holds} for name, of in TARGETS.items()
-        ]
-        return Summary("export", "targets", table=rows, shown=("target", "writes"))
+        return Summary(
+            stage="export",
+            title="targets",
+            table=[
+                {"target": n, "writes": of.title, "holds": of.holds} for n, of in TARGETS.items()
+            ],
+            shown=("target", "writes"),
+        )
     if target not in (*TARGETS, ALL):
         raise InputError(f"target = {target}, must be one of {', '.join((*TARGETS, ALL))}")
     if source is None:
@@ -162,7 +166,6 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
     covariance = normal["covariance"].reshape(2, 2)
     normal["covariance"] = covariance if np.isfinite(covariance).all() else None
     made, pressed = surface.record, stiffness.record
-    rows = (row for row in made.tables.get("budget", ()) if row["contribution_percent"] is not None)
     valid = pressed.validity | made.validity
     valid["measured_force_N_m"] = surface.facts.get("measured", {}).get("normal_force_N_m")
     valid["press_force_N_m"] = valid.get("force_N_m")
@@ -176,7 +179,11 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
             friction=friction_part(
                 surface_from(surface),
                 surface.facts.get("method") or "published",
-                budget=tuple(part_of(Contribution, row) for row in rows),
+                budget=tuple(
+                    part_of(Contribution, row)
+                    for row in made.tables.get("budget", ())
+                    if row["contribution_percent"] is not None
+                ),
                 **({} if friction is None else _sticking(friction.columns)),
             ),
             validity=part_of(Validity, valid),

@@ -111,8 +111,10 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
     }
     if not runs:
         return facts
-    names = ("arc_deg", "initial_tension_N")
-    settings = {name: sorted({run[name] for run in runs if name in run}) for name in names}
+    settings = {
+        name: sorted({run[name] for run in runs if name in run})
+        for name in ("arc_deg", "initial_tension_N")
+    }
     return facts | {
         "runs": len(runs),
         "samples": sum(run["samples"] for run in runs),
@@ -257,8 +259,10 @@ def _inspected(file: Path) -> Inspection:
             f"{file}: of an unknown bench, must be {', '.join(KINDS)}; see `beltid inspect {file}`"
         )
     for line in inspection.problems[:1]:
-        text = "data.%s: %s; `beltid inspect %s` lists everything that must be stated"
-        log.warning(text, inspection.kind, line, file)
+        log.warning(
+            "data.%s: %s; `beltid inspect %s` lists everything that must be stated",
+            *(inspection.kind, line, file),
+        )
     return inspection
 
 
@@ -269,8 +273,9 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
     values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
     for (key, columns), gap in zip(SETTINGS.items(), SAME_SETTING.values(), strict=True):
         recorded = [run[c] for run in inspection.runs for c in columns if c in run]
-        snapped = nominal_settings(np.array(recorded), gap)
-        settings = sorted({float(f"{value:.4g}") for value in snapped})
+        settings = sorted(
+            {float(f"{value:.4g}") for value in nominal_settings(np.array(recorded), gap)}
+        )
         if len(settings) > MOST_SETTINGS:
             log.info(
                 f"{key} is left open: the recording has {len(settings)} values, which are used"

@@ -33,6 +33,7 @@ from beltid.stages.inputs import (
     shown,
     standard_uncertainties,
     surface_from,
+    that_hold,
 )
 from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.stages.surface import NEEDED
@@ -57,10 +58,10 @@ def planned(
     surface: Any, law: Any, config: Config, friction: Any, runs: int, goal_u: float
 ) -> Outcome[PlannedRuns]:
     """Plan from what is known: the surface, the law, the noise of reduced runs."""
-    problems = [] if runs >= 1 else [f"--runs = {runs}, must be >= 1"]
-    if not 0.0 <= goal_u < 1.0:
-        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
-    if problems:
+    if problems := that_hold(
+        (runs < 1, f"--runs = {runs}, must be >= 1"),
+        (not 0.0 <= goal_u < 1.0, f"--goal-u = {goal_u:g}, must be in [0, 1)"),
+    ):
         raise InputError(problems)
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
@@ -88,12 +89,15 @@ def planned(
             bench, press, points, known, sources, noise, columns, kind
         )
     except ConvergenceError as error:
-        where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
-        raise ConvergenceError(error.at(where)) from error
-    ranges = (
-        (float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)
+        raise ConvergenceError(
+            error.at(
+                "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
+            )
+        ) from error
+    target = surface_target(
+        curves,
+        *((float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)),
     )
-    target = surface_target(curves, *ranges)
     plan = choose_plan(
         knowledge_at(curves, known, len(sources)),
         rows,
@@ -206,8 +210,9 @@ def _session(
 ) -> dict[str, np.ndarray]:
     """Return the columns of the plan, with a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in points]
-    minutes = config.plan.minutes_per_run, config.plan.minutes_per_arc_change
-    session = schedule(plan.chosen, ways, *minutes)
+    session = schedule(
+        plan.chosen, ways, config.plan.minutes_per_run, config.plan.minutes_per_arc_change
+    )
     runs = [scheduled.run for scheduled in session]
     like = np.array(runs, dtype=int) % measured.mu.size
     arcs, tensions, speeds = np.array([ways[run] for run in runs]).reshape(-1, 3).T

@@ -118,13 +118,14 @@ def gather(belt: OnPage) -> BeltResults:
     problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
     refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
     for name in [name for name in CURVES if name in shown]:
-        of_chain = [artifact for other, artifact in shown.items() if other not in CURVES]
-        if lines := misfits([*of_chain, shown[name]]):
+        if lines := misfits([*(shown[n] for n in shown if n not in CURVES), shown[name]]):
             problems += lines
             del shown[name]
     if not shown:
-        nothing = f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
-        raise ArtifactError(problems or nothing)
+        raise ArtifactError(
+            problems
+            or f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
+        )
     belts = [artifact.record.settings.get("belt") for artifact in shown.values()]
     stated = next(filter(None, belts), None)
     return BeltResults(

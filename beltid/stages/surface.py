@@ -157,8 +157,11 @@ def said_of_surface(
     uncertainty: SurfaceUncertainty,
 ) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
     """Return facts, tables and notes of any surface; `ranges`: forces and speeds of the runs."""
-    words = {name: columns[name][rows[0]] for name in CONDITIONS if name in columns}
-    stated = {name: str(word) for name, word in words.items() if word is not None}
+    stated = {
+        name: str(columns[name][rows[0]])
+        for name in CONDITIONS
+        if name in columns and columns[name][rows[0]] is not None
+    }
     force, speed = map(span, ranges)
     assert force is not None
     extra = uncertainty.extra(force)

@@ -243,10 +243,10 @@ def misfits(artifacts: Sequence[Artifact]) -> list[str]:
 def _line(artifact: Artifact, name: str, other: Artifact) -> str:
     made_by = artifact.record.made_by
     command = f"beltid {made_by}" if made_by else schemas.table(artifact.kind).command
-    what = "recording" if name in schemas.RECORDINGS else "artifact"
     if artifact.kind == "simulated" and other.kind == "friction":
         command += f" --from {other.path}"
     return (
-        f"{artifact.path}: was made from another {name} {what} than {other.path}; `{command}` "
-        "makes it again, `beltid run` all results of the belt"
+        f"{artifact.path}: was made from another {name} "
+        f"{'recording' if name in schemas.RECORDINGS else 'artifact'} than {other.path}; "
+        f"`{command}` makes it again, `beltid run` all results of the belt"
     )

@@ -111,8 +111,9 @@ def arrow_table(values: Mapping[str, Any], table: Table) -> pa.Table:
         if column.dtype == "list":
             cells = [None if np.isnan(row).any() else row.tolist() for row in cells]
         arrays.append(pa.array(cells, kind, from_pandas=True))
-        about = {"unit": column.unit, "meaning": column.meaning}
-        fields.append(pa.field(name, kind, metadata=about))
+        fields.append(
+            pa.field(name, kind, metadata={"unit": column.unit, "meaning": column.meaning})
+        )
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
