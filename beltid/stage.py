@@ -46,8 +46,6 @@ Kind = str | tuple[str, ...]  # of an input; or several, of which the file is on
 
 SUFFIX: Final = ".parquet"
 RECORDINGS: Final = ("press", "rig", "speedloss")
-HIDDEN: Final = ("workers",)  # keywords of a stage that are no options
-BUILT_IN: Final = "built-in 5PK rig"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +183,7 @@ class Stage:
         return [
             p
             for p in self.signature.parameters.values()
-            if p.kind is p.KEYWORD_ONLY and p.name not in (*self.reads, *HIDDEN)
+            if p.kind is p.KEYWORD_ONLY and p.name not in (*self.reads, "workers")
         ]
 
     def file_name(self, options: Mapping[str, Any] | None = None) -> str:
@@ -287,7 +285,7 @@ class Stage:
             software=f"beltid {__version__}",
             sources=disk.source_sha256(),
             inputs=inputs,
-            config=BUILT_IN if source.path is None else source.path.name,
+            config="built-in 5PK rig" if source.path is None else source.path.name,
             config_sha256=config.sha256,
             settings=settings,
         )

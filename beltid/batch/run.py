@@ -9,12 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    CancelledError,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from logging.handlers import QueueHandler
 from pathlib import Path
@@ -377,8 +372,7 @@ class Cluster(Workers):
 def refuse_others(client: Any, cluster: str) -> None:
     """Refuse workers without beltid, or with other sources, which could give other results."""
     hashes = client.run(source_sha256, on_error="return")
-    others = [worker for worker, found in hashes.items() if found != source_sha256()]
-    if others:
+    if others := [worker for worker, found in hashes.items() if found != source_sha256()]:
         raise InputError(
             f"{cluster}: {len(others)} of {len(hashes)} workers have no beltid or another one, "
             f"such as {others[0]}; install beltid {__version__} there as on this computer"

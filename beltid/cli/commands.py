@@ -111,10 +111,10 @@ def run(
 
     if scheduler is not None and jobs is not None:
         raise InputError("--jobs is for this machine, --scheduler for a cluster: give only one")
-    if scheduler is None and jobs is None:
-        scheduler = os.environ.get("DASK_SCHEDULER_ADDRESS")
-        if scheduler:
-            log.info("cluster %s, named by $DASK_SCHEDULER_ADDRESS", scheduler)
+    named = os.environ.get("DASK_SCHEDULER_ADDRESS", "")
+    if named and scheduler is None and jobs is None:
+        scheduler = named
+        log.info("cluster %s, named by $DASK_SCHEDULER_ADDRESS", scheduler)
     sources, folder = config_sources(configs or [], common.config), common.out or Path("runs")
     if dry_run:
         return plan_batch(sources, folder, force=common.force)

@@ -104,7 +104,6 @@ def refuse_out(common: Common) -> None:
 
 
 def _report(summary: Summary, common: Common, elapsed_s: float) -> None:
-    """Report notes, warnings and the outcome."""
     for note in summary.notes:
         log.info("note: %s", note)
     most = None if common.verbose and not common.quiet else MOST_WARNINGS

@@ -209,7 +209,6 @@ def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
 
 
 def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:
-    """Return the keys of the section at a path."""
     here: type[Section] | None = model
     for part in path:
         if isinstance(part, str) and here is not None:
@@ -247,8 +246,7 @@ class Source:
         """Return the YAML node of a value (or key); if it is absent, that of its section."""
         node = self.root
         for depth, part in enumerate(path, 1):
-            found = [pair for name, *pair in _items(node) if str(name) == str(part)]
-            if not found:
+            if not (found := [of for name, *of in _items(node) if str(name) == str(part)]):
                 break
             node = found[0][not (key and depth == len(path))]
         return node

@@ -56,19 +56,13 @@ from beltid.uncertainty.simulated import (
     simulated_uncertainty,
     validated,
 )
-from beltid.uncertainty.sources import (
-    ARC,
-    BETWEEN_SPEEDS,
-    reduction_sources,
-    with_sources,
-)
+from beltid.uncertainty.sources import ARC, BETWEEN_SPEEDS, reduction_sources, with_sources
 
 SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
 COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
 ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
 MIN_SHARE_COMPARED: Final = 0.5  # share of compared runs below which the campaign fails
-PARTS: Final = ("loss_creep_rad_s", "loss_seating_rad_s", "loss_slip_rad_s")
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
@@ -259,7 +253,10 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, 
         "torque_N_m": measured["torque_N_m"],
         "loss_predicted_rad_s": (table["speed_loss_rad_s"] * ratio).to_numpy(),
         "u_input_rad_s": (table["speed_loss_u_rad_s"] * ratio).to_numpy(),
-        **{name: (table[name] * ratio).to_numpy() for name in PARTS},
+        **{
+            f"loss_{part}_rad_s": (table[f"loss_{part}_rad_s"] * ratio).to_numpy()
+            for part in ("creep", "seating", "slip")
+        },
         "loss_measured_rad_s": loss,
         "u_measured_rad_s": measured["slip_speed_se_m_s"] / radius,
         "arc_share": table["arc_share"].to_numpy(),

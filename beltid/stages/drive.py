@@ -146,12 +146,10 @@ def _check_names(section: DriveSection, names: Sequence[str]) -> None:
     problems += dict.fromkeys(
         f"drive.pulleys: {name} is named twice" for name in names if names.count(name) > 1
     )
-    problems += that_hold(
-        (
-            (section.tensioner is not None) != (section.installation == "tensioner"),
-            "drive.tensioner: must be stated with installation: tensioner, and only then",
+    if (section.tensioner is not None) != (section.installation == "tensioner"):
+        problems.append(
+            "drive.tensioner: must be stated with installation: tensioner, and only then"
         )
-    )
     if problems:
         raise InputError(problems)
 

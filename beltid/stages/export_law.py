@@ -28,13 +28,7 @@ from beltid.export.law import (
 from beltid.export.targets import TARGETS, Export, export, reference_point
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.inputs import (
-    Columns,
-    friction_in,
-    law_row,
-    load_law,
-    surface_from,
-)
+from beltid.stages.inputs import Columns, friction_in, law_row, load_law, surface_from
 from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
 from beltid.store.disk import check_place, write_bytes
 
@@ -213,6 +207,8 @@ def _sticking(friction: Columns) -> dict[str, float]:
     """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
     ratio = friction["mu_sticking"] / friction["mu_sliding"]
     ratio = ratio[(friction["status"] == "ok") & np.isfinite(ratio)]
-    if ratio.size < 2:
-        return {}
-    return {"sticking_ratio": ratio.mean(), "sticking_ratio_sd": ratio.std(ddof=1)}
+    return (
+        {"sticking_ratio": ratio.mean(), "sticking_ratio_sd": ratio.std(ddof=1)}
+        if ratio.size > 1
+        else {}
+    )

@@ -437,8 +437,7 @@ def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]
 
 def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
     """The surface of the pulley travels as far as the belt stretches until it slides."""
-    travels = {run.run: run.take_up_m for run in runs if np.isfinite(run.take_up_m)}
-    if not travels:
+    if not (travels := {run.run: run.take_up_m for run in runs if np.isfinite(run.take_up_m)}):
         return
     rig = config.rig
     changes = [

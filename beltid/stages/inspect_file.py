@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,13 +13,7 @@ import numpy as np
 
 from beltid.bench.recording import Inspection, inspect_recording, ranges
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import (
-    SECTIONS,
-    effective_values,
-    format_path,
-    template_text,
-    value_text,
-)
+from beltid.config.loading import SECTIONS, effective_values, format_path, template_text, value_text
 from beltid.config.model import KINDS
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.identify.agreement import SAME_SETTING
@@ -50,15 +45,8 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         except InputError as error:
             if len(paths) == 1:
                 raise
-            parts.append(
-                Summary(
-                    stage="inspect",
-                    title=str(path),
-                    warnings=error.problems,
-                    verdict=f"cannot be read: {error.problems[0]}",
-                    exit_status=EXIT_INPUT,
-                )
-            )
+            unread = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
+            parts.append(replace(unread, verdict=f"cannot be read: {error.problems[0]}"))
     if len(parts) == 1:
         return parts[0]
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
@@ -205,7 +193,9 @@ def new_config(
     name: str, files: Sequence[Path], out: Path | None, *, force: bool = False
 ) -> Summary:
     """Write the config of a new belt."""
-    path, values = out or Path(f"{name}.yaml"), _of_name(name)
+    path, values = out or Path(f"{name}.yaml"), dict[str, Any]({"belt.name": name})
+    if match := re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE):
+        values |= {"belt.type": name.upper(), "belt.ribs": int(match[1])}
     sources = dict.fromkeys(values, "from the name")
     _config(values)  # checks the name
     check_place(
@@ -242,13 +232,6 @@ def new_config(
         overview=[row for row in rows if row["key"] in sources],
         origin=config.data.origin,
     )
-
-
-def _of_name(name: str) -> dict[str, Any]:
-    """Return the values that follow from a name: 6pk is a 6PK with six ribs."""
-    if match := re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE):
-        return {"belt.name": name, "belt.type": name.upper(), "belt.ribs": int(match[1])}
-    return {"belt.name": name}
 
 
 def _inspected(file: Path) -> Inspection:

@@ -20,7 +20,6 @@ from beltid.store.artifact import read_artifact
 from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
 NAME: Final = "report.html"
-SUFFIXES: Final = (".html", ".htm")
 HEAD: Final = 4096  # bytes at the beginning of a page that hold its generator and its mark
 MARK: Final = re.compile(
     r'<meta name="generator" content="beltid">\s*'
@@ -77,7 +76,9 @@ def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
 
 def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
     """Return the mark of a page of belts; empty if that at `out` is up to date and not edited."""
-    check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
+    check_place(
+        out, (".html", ".htm"), lambda page: OURS if mark_of(page) else FOREIGN, force=force
+    )
     links = links_to(belts, out) if len(belts) > 1 else []
     record = [__version__, source_sha256(of_page=True), links, [belt.content() for belt in belts]]
     mark = sha256(json.dumps(record).encode())

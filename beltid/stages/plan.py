@@ -202,11 +202,7 @@ def _noise(
 
 
 def _session(
-    plan: Plan,
-    points: Sequence[OperatingPoint],
-    measured: Measured,
-    config: Config,
-    based_on: str,
+    plan: Plan, points: Sequence[OperatingPoint], measured: Measured, config: Config, based_on: str
 ) -> dict[str, np.ndarray]:
     """Return the columns of the plan, with a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in points]

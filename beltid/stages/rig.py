@@ -64,7 +64,6 @@ KEYS: Final = {
     "pulley_speed_rad_s": "pulley_speeds_rad_s",
 }
 """Column of a setting in the friction table -> its list in the section `rig`."""
-OPTIONS: Final = ("--arc", "--tension", "--speed")
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")  # sliding
 PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
@@ -181,7 +180,9 @@ def planned_runs(
         keys = ", ".join(f"rig.{key}" for key in KEYS.values())
         raise InputError(f"no usable run has an arc, a tension at rest and a speed; state {keys}")
     problems, wanted = list[str](), []
-    for option, values, of, gap in zip(OPTIONS, picked, lists, SAME_SETTING.values(), strict=True):
+    for option, values, of, gap in zip(
+        ("--arc", "--tension", "--speed"), picked, lists, SAME_SETTING.values(), strict=True
+    ):
         near = {value: _same_setting(np.array(of), value, gap) for value in values}
         problems += [
             f"{option} = {value:g}, must be one of those of the campaign: "
@@ -251,11 +252,10 @@ def simulation_settings(
     config: Config, method: str | None = None, elements: int | None = None
 ) -> SimulationSettings:
     """Return the settings of the simulation from the call, else from the config."""
-    section = config.simulation
     return SimulationSettings(
-        method=cast(Method, method or section.method),
-        elements=section.elements if elements is None else elements,
-        friction_solver=section.friction_solver,
+        method=cast(Method, method or config.simulation.method),
+        elements=config.simulation.elements if elements is None else elements,
+        friction_solver=config.simulation.friction_solver,
     )
 
 

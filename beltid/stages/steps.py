@@ -219,11 +219,6 @@ def refine_surface(
     return stages.surface.refined(friction, law, config, chosen, workers)
 
 
-def _campaign_file(**options: Any) -> str:
-    part = any(options[name] for name in ("arc", "tension", "speed"))
-    return "simulated_part.parquet" if part else "simulated.parquet"
-
-
 def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
     if "friction" in files:  # as in the chain, where nothing heavy is imported
@@ -235,7 +230,9 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
 @stage(
     "simulate-rig",
     makes="simulated",
-    file=_campaign_file,
+    file=lambda arc, tension, speed, **_: (
+        "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
+    ),
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
     finds=_friction_beside,

@@ -443,10 +443,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> list[str]:
     large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
     return that_hold(
         (hidden, f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"),
-        (
-            large,
-            f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}",
-        ),
+        (large, f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"),
     )
 
 

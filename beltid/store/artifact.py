@@ -29,7 +29,6 @@ RECORD_KEY: Final = b"beltid_record"
 SEAL_KEY: Final = b"beltid_seal"
 EARLIER_KEY: Final = b"beltid"  # of the metadata in files of earlier versions, which are not read
 
-SEVERAL: Final = ("surface", "simulated", "compare")  # published and refined, with its own name
 Origin = Literal["measured", "synthetic"]  # of the data
 
 
@@ -85,10 +84,10 @@ class Artifact:
     @property
     def name(self) -> str:
         """Kind of the table, and whether it comes from the refined surface."""
-        refined = (
+        refined = self.kind in ("surface", "simulated", "compare") and (
             self.facts.get("method") == "refined" or "surface_refined" in self.record.ancestors
         )
-        return f"{self.kind}_refined" if self.kind in SEVERAL and refined else self.kind
+        return f"{self.kind}_refined" if refined else self.kind
 
     @property
     def recordings(self) -> set[tuple[str, str]]:

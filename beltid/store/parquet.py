@@ -64,8 +64,7 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
         raise ValueError(f"a {table.kind} table: missing or unknown columns {unfit}")
     of_schema = [column for column in table.columns if column.name in columns]
     values = {column.name: _typed(columns[column.name], column) for column in of_schema}
-    problems = [line for c in of_schema for line in _problems(values[c.name], c, name)]
-    if problems:
+    if problems := [line for c in of_schema for line in _problems(values[c.name], c, name)]:
         raise ArtifactError(problems)
     return values
 

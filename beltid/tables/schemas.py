@@ -13,7 +13,6 @@ import re
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-DType = Literal["float64", "int64", "bool", "string", "list"]
 RANGE: Final = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
 LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
 
@@ -28,7 +27,7 @@ class Column:
     """
 
     name: str
-    dtype: DType
+    dtype: Literal["float64", "int64", "bool", "string", "list"]
     unit: str
     meaning: str
     nullable: bool = False
