@@ -21,6 +21,7 @@ from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
 from beltid.store import disk
 from beltid.store.artifact import (
+    RECORDINGS,
     Artifact,
     Origin,
     Record,
@@ -45,7 +46,6 @@ Result = TypeVar("Result")
 Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
 
 SUFFIX: Final = ".parquet"
-RECORDINGS: Final = ("press", "rig", "speedloss")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

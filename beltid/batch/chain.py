@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import beltid.stages.steps  # makes the stages known
+from beltid import stages
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_BUG, EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
 from beltid.report.summary import Summary
 from beltid.report.view import summary_of
-from beltid.stage import STAGES, Stage
+from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
+from beltid.stages.steps import STAGES
 from beltid.stages.workers import Workers
 
 DONE: Final = "done"
@@ -123,15 +124,6 @@ class Belt:
                 return status
         return EXIT_DONE
 
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """The steps that failed, each with its exit status and its first problem."""
-        return tuple(
-            f"{name} failed (exit status {status}): {problems[0]}"
-            for name, (status, problems) in self.troubles.items()
-            if self.states[name] == FAILED
-        )
-
 
 def chain_of(config: Config) -> Iterator[tuple[Step, str]]:
     """Yield the steps of a chain, each with its state before the first: some lack a recording."""
@@ -195,7 +187,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 except Exception as error:
                     belt.failed(step.name, error)
         if "not simulated" in belt.states.values():
-            log.info(beltid.stages.rig.NOT_SIMULATED)
+            log.info(stages.rig.NOT_SIMULATED)
     # what lacks a recording is hidden as such, whoever writes the page
     lack = (step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING)
     belt.made = sorted({*files, *lack})
@@ -206,13 +198,18 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
     """Write the report of a belt that has results; not to be called from several threads."""
     if not belt.facts:
         return
-    shown, out = OnPage(folder, source.config.data.files, belt.made, belt.failures), folder / NAME
+    failures = tuple(
+        f"{name} failed (exit status {status}): {problems[0]}"
+        for name, (status, problems) in belt.troubles.items()
+        if belt.states[name] == FAILED
+    )
+    shown, out = OnPage(folder, source.config.data.files, belt.made, failures), folder / NAME
     with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE
             if mark := mark_to_write([shown], out, force=force):
-                page = beltid.stages.report_belt.write_page([shown], out, mark)
+                page = stages.report_belt.write_page([shown], out, mark)
                 state, belt.new = DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])

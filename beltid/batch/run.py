@@ -238,7 +238,6 @@ def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
 
 
 def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
-    """Summarize a batch: one line per belt, and the verdict."""
     rows = [_row(belt) for belt in belts]
     failed = [row for row in rows if row["exit_status"] != EXIT_DONE]
     up_to_date, status = all(row["status"] == UP_TO_DATE for row in rows), EXIT_DONE

@@ -18,8 +18,7 @@ from beltid._version import __version__
 from beltid.cli.execute import Common, finish, hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
 from beltid.notes import log
-from beltid.stage import STAGES
-from beltid.tables import schemas
+from beltid.stages.steps import STAGES
 
 MAIN_HELP: Final = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
@@ -121,7 +120,6 @@ class InOrder(TyperGroup):
 
 def _steps() -> dict[str, Any]:
     """Return the steps of the method that are commands, in their order."""
-    import_module("beltid.stages.steps")
     return {name: step for name, step in STAGES.items() if step.is_command}
 
 
@@ -231,6 +229,8 @@ def _short(stage: Any) -> str:
 
 
 def _about(kind: str) -> str:
+    from beltid.tables import schemas
+
     by = schemas.table(kind).command
     if kind in schemas.RECORDINGS:
         return f"Recording of {by} ({FILES}); beltid inspect FILE shows how it is read."

@@ -82,11 +82,10 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
         config = config.model_copy(update={"rig": config.rig.model_copy(update=radius)})
     if isinstance(simulated, Recording):  # of a second bench
         return reduction_columns(reduce_rig(simulated, config))
-    frame = simulated
-    if isinstance(simulated, (Outcome, Artifact)):
-        if simulated.kind != "simulated":
-            return friction_columns(simulated, COMPARED, "simulated")
-        frame = simulated.columns
+    is_result = isinstance(simulated, (Outcome, Artifact))
+    if is_result and simulated.kind != "simulated":
+        return friction_columns(simulated, COMPARED, "simulated")
+    frame = simulated.columns if is_result else simulated
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:

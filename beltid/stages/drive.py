@@ -6,7 +6,7 @@ Its operating points come from the config or from a speed-loss recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import compress
 from typing import Any, Final
 
@@ -436,17 +436,26 @@ def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]
     ]
 
 
-def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:
-    """Yield warnings about friction outside the measured range of the laws."""
+def _outside(columns: Columns, surface: FrictionSurface) -> list[str]:
+    """Return warnings about friction outside the measured range of the laws."""
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
-    for name, words in (
-        ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
-        ("share_outside_force_range", f"outside the measured {low:.4g} to {high:.4g} N/m"),
-    ):
-        shares = columns[name]
-        if (beyond := shares > MOST_OUTSIDE).any():
-            n, most = len(set(columns["run"][beyond].tolist())), 100.0 * np.nanmax(shares)
-            yield f"in {n} points, up to {most:.0f} % of the friction comes from sliding {words}"
-    if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
-        yield f"friction falls with the speed: {', '.join(runs)} could also run with more slip"
+    shares = {
+        f"slower than measured ({slowest:.3g} m/s)": columns["share_below_speed_range"],
+        f"outside the measured {low:.4g} to {high:.4g} N/m": columns["share_outside_force_range"],
+    }
+    falls = dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist())
+    return [
+        *(
+            f"in {len({*columns['run'][of > MOST_OUTSIDE]})} points, up to "
+            f"{100.0 * np.nanmax(of):.0f} % of the friction comes from sliding {words}"
+            for words, of in shares.items()
+            if (of > MOST_OUTSIDE).any()
+        ),
+        *that_hold(
+            (
+                falls,
+                f"friction falls with the speed: {', '.join(falls)} could also run with more slip",
+            )
+        ),
+    ]

@@ -492,10 +492,9 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
         groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
     chosen = []
     for rows in groups:
-        distance = np.zeros(rows.size)
-        for setting in (tension[rows], speed[rows]):
-            if np.isfinite(setting).any():
-                distance += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
+        parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
+        distance = sum(parts, start=np.zeros(rows.size))
         chosen.append(int(rows[np.argmin(distance)]))
     return tuple(chosen)
 

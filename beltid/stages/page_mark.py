@@ -16,6 +16,7 @@ from beltid._version import __version__
 from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
+from beltid.stages.steps import STAGES
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
@@ -114,9 +115,6 @@ def recordings_of(folder: Path) -> Collection[str]:
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
     """Store the curves that the figures need in the folder of a belt, if there are recordings."""
-    from beltid.stage import STAGES
-    from beltid.stages import steps  # noqa: F401  (registers the stages)
-
     data, friction = source.config.data, folder / "friction.parquet"
     wanted: dict[str, dict[str, Path]] = {}
     if data.press is not None and (folder / "stiffness.parquet").exists():

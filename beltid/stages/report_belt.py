@@ -126,8 +126,7 @@ def gather(belt: OnPage) -> BeltResults:
             problems
             or f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
         )
-    belts = [artifact.record.settings.get("belt") for artifact in shown.values()]
-    stated = next(filter(None, belts), None)
+    stated = next(filter(None, (of.record.settings.get("belt") for of in shown.values())), None)
     return BeltResults(
         belt=belt.folder.resolve().name,
         sheets=shown,

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid import stages
+from beltid.stage import STAGES as STAGES
 from beltid.stage import Outcome, stage
 from beltid.store.artifact import read_artifact
 

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from beltid.errors import ArtifactError
 from beltid.store.disk import read_bytes, sha256, write_bytes
-from beltid.tables import schemas
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,6 +28,7 @@ RECORD_KEY: Final = b"beltid_record"
 SEAL_KEY: Final = b"beltid_seal"
 EARLIER_KEY: Final = b"beltid"  # of the metadata in files of earlier versions, which are not read
 
+RECORDINGS: Final = ("press", "rig", "speedloss")
 Origin = Literal["measured", "synthetic"]  # of the data
 
 
@@ -92,7 +92,7 @@ class Artifact:
     @property
     def recordings(self) -> set[tuple[str, str]]:
         """Name and SHA-256 of the recordings that it was made from."""
-        return {pair for pair in self.record.ancestors.items() if pair[0] in schemas.RECORDINGS}
+        return {pair for pair in self.record.ancestors.items() if pair[0] in RECORDINGS}
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -144,8 +144,9 @@ def write_artifact(path: Path, columns: Mapping[str, Any], record: Record) -> Ar
 def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "artifact") -> bytes:
     """Return the bytes of an artifact; `name` is for messages."""
     from beltid.store.parquet import normalised, parquet_bytes, seal
+    from beltid.tables.schemas import TABLES
 
-    table = schemas.table(record.kind)
+    table = TABLES[record.kind]
     values = normalised(columns, table, name)
     stated = plain(asdict(record) | {"version": table.version})
     text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
@@ -160,6 +161,7 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Read an artifact from the bytes of its file; see `read_artifact`."""
     from beltid.store.parquet import columns_of_arrow, damaged, open_parquet, seal
+    from beltid.tables.schemas import TABLES
 
     needed = "" if kind is None else f", a {kind} artifact is needed; {_command(kind)} writes one"
     if data[:4] != b"PAR1":
@@ -176,7 +178,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     text = stored[RECORD_KEY]
     try:
         record = Record(**json.loads(text))
-        table = schemas.table(record.kind)
+        table = TABLES[record.kind]
     except (ValueError, TypeError, KeyError):
         raise ArtifactError(f"{path}: damaged, or of another version of beltid{needed}") from None
     if kind not in (None, record.kind):
@@ -213,7 +215,9 @@ def kind_in(data: bytes) -> str | None:
 
 
 def _command(kind: str) -> str:
-    return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"
+    from beltid.tables.schemas import TABLES
+
+    return f"`{TABLES[kind].command if kind in TABLES else 'beltid'}`"
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
@@ -241,11 +245,11 @@ def misfits(artifacts: Sequence[Artifact]) -> list[str]:
 
 def _line(artifact: Artifact, name: str, other: Artifact) -> str:
     made_by = artifact.record.made_by
-    command = f"beltid {made_by}" if made_by else schemas.table(artifact.kind).command
+    command = f"beltid {made_by}" if made_by else _command(artifact.kind).strip("`")
     if artifact.kind == "simulated" and other.kind == "friction":
         command += f" --from {other.path}"
     return (
         f"{artifact.path}: was made from another {name} "
-        f"{'recording' if name in schemas.RECORDINGS else 'artifact'} than {other.path}; "
+        f"{'recording' if name in RECORDINGS else 'artifact'} than {other.path}; "
         f"`{command}` makes it again, `beltid run` all results of the belt"
     )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import os
 import stat
 import time
@@ -126,6 +125,8 @@ def check_place(
 
 def sha256(data: bytes | memoryview) -> str:
     """Compute the SHA-256 of some bytes, as 64 hexadecimal digits."""
+    import hashlib
+
     return hashlib.sha256(data).hexdigest()
 
 
@@ -133,10 +134,10 @@ def sha256(data: bytes | memoryview) -> str:
 def source_sha256(*, of_page: bool = False) -> str:
     """Return the SHA-256 of all sources here that can change a result, or a report page."""
     suffixes, but = ((".py", ".j2", ".css", ".js"), ("cli",)) if of_page else ((".py",), ONLY_SHOW)
-    package, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
+    package, found = Path(__file__).resolve().parents[1], list[bytes]()
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         if path.suffix in suffixes and name.parts[0] not in but:
             content = path.read_bytes().replace(b"\r\n", b"\n")
-            digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
-    return digest.hexdigest()
+            found.append(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    return sha256(b"".join(found))
