@@ -66,22 +66,12 @@ def planned(
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
         set_by = beside.columns
-    points, notes = _settings(config, set_by)
+    points, assumed = _settings(config, set_by)
     known = None if surface is None else _known_surface(surface)
-    if law is None:
-        notes.append("no data: contact law of the paper's 5PK belt")
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     sources = sources_of_plan(known, stated, [float(np.degrees(p.beta)) for p in points])
-    if known is None:
-        notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
-    elif other := known.stated_otherwise(stated):
-        notes.append(f"used as stated when the surface was made: {', '.join(other)}")
+    other = [] if known is None else known.stated_otherwise(stated)
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
-    if noise_of is None:
-        notes.append(
-            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
-            "--from friction.parquet states it"
-        )
     log.info("%d candidates, simulated with the present surface", len(points))
     bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
     try:
@@ -111,8 +101,21 @@ def planned(
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
     session = _session(plan, points, measured, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
-    if (session["pulley_speed_rad_s"] < 0.0).any():
-        notes.append("runs with a negative speed tell the gain of the load cells from friction")
+    notes = that_hold(
+        (assumed, f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"),
+        (law is None, "no data: contact law of the paper's 5PK belt"),
+        (known is None, "no data: mu from 0.7 to 1.5 with usual slopes over force and speed"),
+        (other, f"used as stated when the surface was made: {', '.join(other)}"),
+        (
+            noise_of is None,
+            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
+            "--from friction.parquet states it",
+        ),
+        (
+            (session["pulley_speed_rad_s"] < 0.0).any(),
+            "runs with a negative speed tell the gain of the load cells from friction",
+        ),
+    )
     return Outcome(
         session,
         PlannedRuns(plan, target),
@@ -146,7 +149,7 @@ def planned(
 
 
 def _settings(config: Config, friction: Columns | None) -> tuple[list[OperatingPoint], list[str]]:
-    """Return the possible settings of the rig, and a note on those that are assumed."""
+    """Return the possible settings of the rig, and those that are assumed, in words."""
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
         found = measured_settings(friction, config)
@@ -159,8 +162,7 @@ def _settings(config: Config, friction: Columns | None) -> tuple[list[OperatingP
         if not of_plan and measured is None and key not in config.rig.model_fields_set
     ]
     lists = (tuple(of or values) for of, values in zip(stated, fallbacks, strict=True))
-    notes = [f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"] if assumed else []
-    return settings_of_rig(*lists), notes
+    return settings_of_rig(*lists), assumed
 
 
 def _thinned(values: Sequence[float]) -> list[float]:
