@@ -290,7 +290,6 @@ def read_source(path: Path) -> Source:
 
 def _parsed(text: str, name: str) -> Source:
     from ruamel.yaml import YAML
-    from ruamel.yaml.constructor import DuplicateKeyError
     from ruamel.yaml.error import MarkedYAMLError
 
     yaml, root, place = YAML(typ="safe", pure=True), None, name
@@ -298,15 +297,16 @@ def _parsed(text: str, name: str) -> Source:
         root = yaml.compose(text)
         return Source(root and yaml.constructor.construct_document(root), name, root)
     except MarkedYAMLError as error:
-        reason = str(error.problem)
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
-        if isinstance(error, DuplicateKeyError):  # it goes on with both values, of any length
-            reason = f"{reason.partition(' with value')[0]}, each key must be given once"
-        elif "'\\t'" in reason:
-            reason = "a tab, indent with blanks"
-        elif "mapping values are not allowed" in reason:
-            reason = "an unexpected ':' (is the line above indented alike, is a text in quotes?)"
+        found = str(error.problem)
+        plainly = {
+            "found duplicate key": f"{found.partition(' with value')[0]}, must be given once",
+            "'\\t'": "a tab, indent with blanks",
+            "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
+            "text in quotes?)",
+        }
+        reason = next((text for words, text in plainly.items() if words in found), found)
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")

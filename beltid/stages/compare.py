@@ -260,9 +260,9 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, 
         "u_measured_rad_s": measured["slip_speed_se_m_s"] / radius,
         "arc_share": table["arc_share"].to_numpy(),
     }
-    section, usable = config.compare_drive, measured["status"] == OK
+    allowed = config.compare_drive.max_rms_relative_error
     columns, facts, passed = compare_losses(
-        points, usable, section.max_rms_relative_error, section.min_torque_share
+        points, measured["status"] == OK, allowed, config.compare_drive.min_torque_share
     )
     judged, of_prediction = columns["judged"], table["status"].fillna("no steady state")
     status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
@@ -278,7 +278,7 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, 
             if why != OK
         ],
         notes=tuple(_statements(facts)),
-        verdict=_verdict(facts, passed, 100.0 * section.max_rms_relative_error),
+        verdict=_verdict(facts, passed, 100.0 * allowed),
         passed=passed,
     )
 
