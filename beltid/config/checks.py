@@ -1,6 +1,6 @@
 """Keys of a config: default, bounds, unit and meaning, stated once; and the checks of values.
 
-A key is declared as the default of its field, ``ribs: int = count(5, 1, 100, "number of ribs")``.
+A key is declared as the default of its field, ``arm_m: float = number(1, 0, 10, "m", "length")``.
 What is declared is checked, printed by ``config show`` and ``init``, and listed in the reference.
 A check returns the value as it is stored, or raises `complain`; its range is its `allowed`, so that
 the bound that is checked and the bound that is printed cannot differ.
@@ -361,11 +361,6 @@ def key(default: Any, meaning: str, check: Check = anything) -> Any:
 def number(default: Any, low: float, high: float, unit: str, meaning: str, **bounds: bool) -> Any:
     """Declare a number between two bounds; see `Number`."""
     return key(default, meaning, Number(low, high, unit, **bounds))
-
-
-def count(default: Any, low: int, high: int, meaning: str, *, even: bool = False) -> Any:
-    """Declare a whole number between two bounds."""
-    return key(default, meaning, Number(low, high, whole=True, even=even))
 
 
 def settings(high: float, unit: str, example: str, default: Any, meaning: str) -> Any:

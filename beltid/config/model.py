@@ -17,7 +17,7 @@ from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
-from beltid.config.checks import Section, count, key, number, settings
+from beltid.config.checks import Section, key, number, settings
 from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
@@ -50,7 +50,7 @@ class BeltSection(Section):
 
     name: str = key("5pk", "names the folder of the results", checks.folder_name)
     type: str = key("5PK", "designation; 5PK: five ribs of the profile PK", checks.plain_words)
-    ribs: int = count(5, 1, 100, "number of ribs")
+    ribs: int = number(5, 1, 100, "", "number of ribs", whole=True)
     axial_stiffness_N: float = number(1e5, 1e2, 1e8, "N", "EA, from a tensile test")
     bending_stiffness_N_m2: float = number(0.02, 1e-8, 1e2, "N m²", "EI; biases the rig's mu")
     mass_per_length_kg_m: float = number(0.1, 1e-4, 1e2, "kg/m", "matters only in motion")
@@ -126,7 +126,7 @@ class ContactSection(Section):
     """Contact of the simulated rig; no bench measures these."""
 
     damping_N_s_m: float = number(300.0, 0, 1e7, "N s/m", "C_P; sliding does not depend on it")
-    points_per_element: int = count(9, 1, 9, "contact points per belt element")
+    points_per_element: int = number(9, 1, 9, "", "contact points per belt element", whole=True)
 
 
 class DataSection(Section):
@@ -205,7 +205,9 @@ class SimulationSection(Section):
     """Simulation of the rig."""
 
     method: Literal["transient", "steady"] = key("transient", "through time, or sliding alone")
-    elements: int | None = count(None, 4, 2000, "of the belt; null: as many as needed", even=True)
+    elements: int | None = number(
+        None, 4, 2000, "", "of the belt; null: as many as needed", whole=True, even=True
+    )
     friction_solver: Literal["newton", "lemke"] = key("newton", "of each time step")
     sticking_ratio: float = number(1.0, 1, 5, "", "static over slowest measured sliding friction")
 
@@ -308,7 +310,7 @@ class DialectSection(Section):
     decimal: Literal[".", ","] | None = key(None, "decimal sign")
     thousands: Literal[".", ",", "'", " "] | None = key(None, "sign between thousands")
     encoding: str | None = key(None, "such as utf-8 or cp1252", checks.text_encoding)
-    skip_lines: int = count(0, 0, 10_000, "lines before the table")
+    skip_lines: int = number(0, 0, 10_000, "", "lines before the table", whole=True)
     names: tuple[str, ...] | None = key(
         None,
         "of the columns of a file without a header",

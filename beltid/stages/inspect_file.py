@@ -167,10 +167,8 @@ def _units(inspection: Inspection, config: Config) -> list[str]:
         c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
     }
     for role, match in inspection.found.items():
-        if role in stated:
-            lines.append(f"    {role}: {value_text(stated[role])}")
-        elif match.stated and match.channel.unit:
-            lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
+        if unit := stated.get(role) or (match.stated and canonical_unit(match.channel.unit)):
+            lines.append(f"    {role}: {value_text(unit)}")
         ours = columns[role].unit
         is_open = not match.stated and not canonical_unit(match.channel.unit).strip("-")
         if match.how == "recognised" and is_open and ours:
