@@ -20,37 +20,45 @@ from typing import TYPE_CHECKING, Any
 
 from beltid._version import __version__ as __version__
 
+# isort: skip_file
 if TYPE_CHECKING:
-    from beltid.config import Config as Config
-    from beltid.config import load_config as load_config
-    from beltid.errors import ArtifactError as ArtifactError
-    from beltid.errors import BeltidError as BeltidError
-    from beltid.errors import BeltidWarning as BeltidWarning
-    from beltid.errors import ConfigError as ConfigError
-    from beltid.errors import InputError as InputError
-    from beltid.errors import NumericsError as NumericsError
+    from beltid.config import Config as Config, load_config as load_config
+    from beltid.errors import (
+        ArtifactError as ArtifactError,
+        BeltidError as BeltidError,
+        BeltidWarning as BeltidWarning,
+        ConfigError as ConfigError,
+        InputError as InputError,
+        NumericsError as NumericsError,
+    )
     from beltid.export.law import ContactLaw as ContactLaw
     from beltid.laws.friction_surface import FrictionSurface as FrictionSurface
     from beltid.laws.penalty import NormalLaw as NormalLaw
     from beltid.stage import Outcome as Outcome
-    from beltid.stages.inputs import load_law as load_law
-    from beltid.stages.inputs import load_stiffness as load_stiffness
-    from beltid.stages.inputs import load_surface as load_surface
-    from beltid.stages.rig import simulate_campaign as simulate_campaign
-    from beltid.stages.rig import simulate_rig as simulate_rig
-    from beltid.stages.steps import build_surface as build_surface
-    from beltid.stages.steps import compare as compare
-    from beltid.stages.steps import compare_drive as compare_drive
-    from beltid.stages.steps import cross_validate as cross_validate
-    from beltid.stages.steps import fit_friction as fit_friction
-    from beltid.stages.steps import fit_slip as fit_slip
-    from beltid.stages.steps import fit_stiffness as fit_stiffness
-    from beltid.stages.steps import plan_runs as plan_runs
-    from beltid.stages.steps import read_press as read_press
-    from beltid.stages.steps import read_rig as read_rig
-    from beltid.stages.steps import read_speedloss as read_speedloss
-    from beltid.stages.steps import refine_surface as refine_surface
-    from beltid.stages.steps import simulate_drive as simulate_drive
+    from beltid.stages.inputs import (
+        load_law as load_law,
+        load_stiffness as load_stiffness,
+        load_surface as load_surface,
+    )
+    from beltid.stages.rig import (
+        simulate_campaign as simulate_campaign,
+        simulate_rig as simulate_rig,
+    )
+    from beltid.stages.steps import (
+        build_surface as build_surface,
+        compare as compare,
+        compare_drive as compare_drive,
+        cross_validate as cross_validate,
+        fit_friction as fit_friction,
+        fit_slip as fit_slip,
+        fit_stiffness as fit_stiffness,
+        plan_runs as plan_runs,
+        read_press as read_press,
+        read_rig as read_rig,
+        read_speedloss as read_speedloss,
+        refine_surface as refine_surface,
+        simulate_drive as simulate_drive,
+    )
 
 # module -> its public names, imported when first used: `import beltid` stays cheap, numpy and the
 # like are imported only when something is computed

@@ -47,9 +47,8 @@ def counted(number: int, what: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    if len(text) <= LONGEST_LINE:
-        return text
-    return f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
+    is_short = len(text) <= LONGEST_LINE
+    return text if is_short else f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
 
 
 class BeltidWarning(UserWarning):
@@ -71,7 +70,7 @@ class BeltidError(Exception):
 
     def __init__(self, problems: str | Sequence[str]) -> None:
         lines = (problems,) if isinstance(problems, str) else problems
-        self.problems: tuple[str, ...] = tuple(printable(line) for line in lines)
+        self.problems: tuple[str, ...] = tuple(map(printable, lines))
         super().__init__("\n".join(self.problems))
 
     def at(self, place: str) -> list[str]:

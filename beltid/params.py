@@ -11,7 +11,6 @@ from typing import Literal, NamedTuple
 
 from beltid.errors import InputError
 
-Supports = Literal["pinned", "clamped"]
 GivenForce = Literal["none", "tight", "slack", "hub"]
 
 
@@ -34,7 +33,7 @@ class Rig:
 
     R: float  # radius of the belt's centreline on the pulley [m]
     span: float  # length from a support to the tangent point [m]
-    supports: Supports = "pinned"  # how the load cells hold the belt ends
+    supports: Literal["pinned", "clamped"] = "pinned"  # how the load cells hold the belt ends
     given_force: GivenForce = "none"
 
 

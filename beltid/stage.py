@@ -19,6 +19,21 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
 from beltid.notes import log
+from beltid.store import disk
+from beltid.store.artifact import (
+    RECORDINGS,
+    Artifact,
+    Origin,
+    Record,
+    artifact_from_bytes,
+    combined_origin,
+    kind_in,
+    may_be_artifact,
+    plain,
+    read_artifact,
+    refuse_misfits,
+    write_artifact,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,16 +41,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beltid.config import Config, ConfigSource
-    from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
 Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
 
 SUFFIX: Final = ".parquet"
-RECORDINGS: Final = ("press", "rig", "speedloss")
-HIDDEN: Final = ("workers",)  # keywords of a stage that are no options
-NO_MATTER: Final = ("jobs", *HIDDEN)  # keywords that change no result
-BUILT_IN: Final = "built-in 5PK rig"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,10 +77,11 @@ class Outcome(Generic[Result]):
 
     def said(self) -> dict[str, Any]:
         """Return what the record of an artifact says of the result, as plain JSON values."""
-        from beltid.store.artifact import Record, plain
-
-        known = {field.name for field in fields(Record)}
-        return {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name in known}
+        return {
+            of.name: plain(getattr(self, of.name))
+            for of in fields(Record)
+            if hasattr(self, of.name)
+        }
 
     def plot(self, figure: str | None = None) -> Figure:
         """Plot the table with matplotlib, as ``beltid show`` does.
@@ -115,8 +126,6 @@ class Outcome(Generic[Result]):
         ArtifactError
             If it cannot be written.
         """
-        from beltid.store.artifact import Record, write_artifact
-
         path, origin = Path(path), origin or self.origin
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
@@ -127,8 +136,6 @@ class Outcome(Generic[Result]):
 
     def as_artifact(self) -> Artifact:
         """Return the result as if it were read from a file."""
-        from beltid.store.artifact import Artifact, Record
-
         return Artifact(self.columns, Record(**self.said()), Path(self.kind), "")
 
     def __repr__(self) -> str:
@@ -176,35 +183,33 @@ class Stage:
         return [
             p
             for p in self.signature.parameters.values()
-            if p.kind is p.KEYWORD_ONLY and p.name not in (*self.reads, *HIDDEN)
+            if p.kind is p.KEYWORD_ONLY and p.name not in (*self.reads, "workers")
         ]
 
     def file_name(self, options: Mapping[str, Any] | None = None) -> str:
         """Return the name of the file that it writes, by default without any choice."""
-        chosen = {p.name: p.default for p in self.options} | dict(options or {})
-        name = self.file(**chosen) if callable(self.file) else self.file
-        return name or f"{self.makes}{SUFFIX}"
+        if callable(self.file):
+            return self.file(**{p.name: p.default for p in self.options} | dict(options or {}))
+        return self.file or f"{self.makes}{SUFFIX}"
 
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
         """Compute from tables, results and laws in memory."""
         from beltid.bench.recording import recording_in
         from beltid.config import load_config
-        from beltid.store.artifact import Artifact, combined_origin
 
         bound = self.signature.bind(*args, **kwargs)
         bound.apply_defaults()
-        given = dict(bound.arguments)
+        given = bound.arguments
         config = as_measured(load_config(given.get("config")), given.get("friction"))
-        given["config"] = config
         # a result has its own origin; a plain table beside it takes that one, alone the config's
         results = map(given.get, self.reads)
         origins = [r.origin for r in results if isinstance(r, (Outcome, Artifact))]
         for role, kind in self.reads.items():
             if kind in RECORDINGS:
                 given[role] = recording_in(given[role], str(kind), config)
-        outcome = self.compute(**given)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
+        outcome = self.compute(**{**given, "config": config})
         return replace(outcome, kind=self.makes, origin=combined_origin(origins))
 
     def run(
@@ -226,16 +231,20 @@ class Stage:
         if out.exists() and not force:
             log.debug("%s: inputs or settings have changed, built again", out)
         items, made_of = self._read(reads, planned.inputs, source.config)
-        config = as_measured(source.config, items.get("friction"))
         known = {n: x for n, x in options.items() if n in self.signature.parameters}
-        outcome = self.compute(**{**dict.fromkeys(self.reads), **items, **known, "config": config})
+        known["config"] = as_measured(source.config, items.get("friction"))
+        outcome = self.compute(**dict.fromkeys(self.reads) | items | known)
         heard = [note for item in items.values() for note in getattr(item, "notes", ())]
         outcome = replace(outcome, kind=self.makes, notes=(*heard, *outcome.notes))
-        changed = [f for f in reads.values() if f.content() != planned.inputs[f.name]]
-        if changed:
+        if changed := [f for f in reads.values() if f.content() != planned.inputs[f.name]]:
             raise InputError([f"{file.path}: was changed while it was read" for file in changed])
         record = replace(planned, **outcome.said() | made_of)
-        return self._write(outcome, record, out), False
+        if self.file_name().endswith(SUFFIX):
+            return write_artifact(out, outcome.columns, record), False
+        # for the operator of the bench
+        text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
+        disk.write_bytes(out, text.encode())
+        return Artifact(outcome.columns, record, out, ""), False
 
     def look(
         self,
@@ -247,16 +256,15 @@ class Stage:
         **options: Any,
     ) -> tuple[dict[str, Input], Record, Artifact | None]:
         """Return what is read, as far as known the record, and what was made of the same before."""
-        from beltid.store.artifact import Record
-        from beltid.store.disk import sha256, source_sha256
-
         config, reads = source.config, dict[str, Input]()
         given = dict(files) if self.finds is None else self.finds(dict(files))
         for role in (role for role in self.reads if role in given):
-            kind = _kind_of(self.reads[role], given[role])
-            # a recording in the place of an artifact is of another bench
-            name = "recording" if kind in RECORDINGS and kind != self.reads[role] else kind
-            besides = [table for of, table in config.run_tables.items() if of == kind]
+            kind = self.reads[role]
+            name = str(kind)
+            if not isinstance(kind, str):  # the artifact, or else the recording of another bench
+                kind = kind[0] if may_be_artifact(given[role]) else kind[1]
+                name = "recording" if kind in RECORDINGS else kind
+            besides = [config.run_tables[kind]] if kind in config.run_tables else []
             reads[role] = Input(given[role], kind, name, besides)
         kinds = [file.kind for file in reads.values()]
         for kind, path in config.run_tables.items():
@@ -267,18 +275,17 @@ class Stage:
         settings = self._settings(config, kinds, options)
         stated = {
             name: sorted(getattr(config, name).model_fields_set)
-            for name in self.uses
-            if name in config.model_fields_set
+            for name in config.model_fields_set.intersection(self.uses)
         }
-        parts = [__version__, source_sha256(), self.name, inputs, settings, stated]
+        parts = [__version__, disk.source_sha256(), self.name, inputs, settings, stated]
         planned = Record(
             self.makes,
             made_by=self.name,
-            made_from=sha256(json.dumps(parts, sort_keys=True).encode()),
+            made_from=disk.sha256(json.dumps(parts, sort_keys=True).encode()),
             software=f"beltid {__version__}",
-            sources=source_sha256(),
+            sources=disk.source_sha256(),
             inputs=inputs,
-            config=BUILT_IN if source.path is None else source.path.name,
+            config="built-in 5PK rig" if source.path is None else source.path.name,
             config_sha256=config.sha256,
             settings=settings,
         )
@@ -289,39 +296,33 @@ class Stage:
         self, config: Config, kinds: Iterable[str], options: Mapping[str, Any]
     ) -> dict[str, Any]:
         """Return all settings that matter as plain JSON values: sections of the config, options."""
-        from beltid.store.artifact import plain
-
         values = config.model_dump(mode="json")
         found = {name: values[name] for name in self.uses}
         if recorded := [kind for kind in kinds if kind in RECORDINGS]:
             found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
-        chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        return found | plain({n: v for n, v in chosen.items() if v and n not in NO_MATTER})
+        chosen = {p.name: options.get(p.name, p.default) for p in self.options if p.name != "jobs"}
+        return found | plain({name: value for name, value in chosen.items() if value})
 
     def _check_place(
         self, source: ConfigSource, reads: Mapping[str, Input], out: Path, *, force: bool
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
-        from beltid.store.artifact import artifact_from_bytes, kind_in
-        from beltid.store.disk import FOREIGN, OURS, check_place, opened
-
-        data, existing = b"", None
-        ending = Path(self.file_name()).suffix
+        data, existing, ending = b"", None, Path(self.file_name()).suffix
         if ending == SUFFIX and out.suffix == SUFFIX and out.is_file():
-            with opened(out, ArtifactError) as file:
+            with disk.opened(out, ArtifactError) as file:
                 data = file.read()
         kind = kind_in(data)
         if kind == self.makes:
             with contextlib.suppress(ArtifactError):  # damaged, or of an earlier version
                 existing = artifact_from_bytes(data, out, kind)
-        whose = OURS if kind == self.makes else f"a {kind} artifact" if kind else FOREIGN
+        whose = disk.OURS if kind == self.makes else f"a {kind} artifact" if kind else disk.FOREIGN
         inputs = {f"{file.kind} file that is read": file.path for file in reads.values()}
-        named = source.config.data.files.items()
-        inputs |= {f"{name} recording of the config": path for name, path in named}
+        for name, path in source.config.data.files.items():
+            inputs[f"{name} recording of the config"] = path
         owner = (lambda path: whose) if ending == SUFFIX else None
-        check_place(out, (ending,), owner, inputs=inputs, force=force)
+        disk.check_place(out, (ending,), owner, inputs=inputs, force=force)
         return existing
 
     def _read(
@@ -329,15 +330,14 @@ class Stage:
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the inputs, which must fit together; return also their origin and ancestors."""
         from beltid.bench.recording import read_recording
-        from beltid.store.artifact import Artifact, combined_origin, read_artifact, refuse_misfits
 
         items, origins, ancestors = dict[str, Any](), list[str | None](), dict[str, str]()
         hosts, guests = list[Artifact](), list[Artifact]()
         for role, file in ((role, reads[role]) for role in self.reads if role in reads):
             if file.kind not in RECORDINGS:
                 items[role] = found = read_artifact(file.path, file.kind)
-                is_guest = self.signature.parameters[role].kind is inspect.Parameter.KEYWORD_ONLY
-                (guests if is_guest else hosts).append(found)
+                p = self.signature.parameters[role]
+                (guests if p.kind is p.KEYWORD_ONLY else hosts).append(found)
                 origins.append(found.origin)
                 ancestors |= found.record.ancestors | {found.name: found.sha256}
                 continue
@@ -350,19 +350,10 @@ class Stage:
             if is_own:
                 ancestors[file.name] = contents[file.name]
         refuse_misfits(hosts, guests)
-        origin = combined_origin(origins or [config.data.origin])
-        return items, {"origin": origin, "ancestors": ancestors}
-
-    def _write(self, outcome: Outcome[Any], record: Record, out: Path) -> Artifact:
-        """Write the outcome as an artifact, or for the operator of the bench as CSV."""
-        from beltid.store.artifact import Artifact, write_artifact
-        from beltid.store.disk import write_bytes
-
-        if self.file_name().endswith(SUFFIX):
-            return write_artifact(out, outcome.columns, record)
-        text = outcome.to_frame().to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        write_bytes(out, text.encode())
-        return Artifact(outcome.columns, record, out, "")
+        return items, {
+            "origin": combined_origin(origins or [config.data.origin]),
+            "ancestors": ancestors,
+        }
 
 
 STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work
@@ -387,12 +378,3 @@ def as_measured(config: Config, friction: Any) -> Config:
     return config.with_rig(
         {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
     )
-
-
-def _kind_of(kind: Kind, path: Path) -> str:
-    """Return which of several kinds a file is: the artifact, or else the recording."""
-    from beltid.store.artifact import may_be_artifact
-
-    if isinstance(kind, str):
-        return kind
-    return kind[0] if may_be_artifact(path) else kind[1]

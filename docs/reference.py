@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from beltid.config.checks import Section, allowed, section_in
+from beltid.config.loading import value_text
 from beltid.config.model import Config
-from beltid.config.writing import value_text
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS, TABLES
 
 PAGE = Path(__file__).with_name("reference.md")

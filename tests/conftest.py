@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from beltid.cli.process import one_thread_each
+from beltid.cli.execute import one_thread_each
 
 one_thread_each()
 # The same examples in every run: a change that is right is never refused by a new one. New ones

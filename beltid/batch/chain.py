@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import beltid.stages.steps  # noqa: F401  makes the stages known
+from beltid import stages
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_BUG, EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
 from beltid.report.summary import Summary
 from beltid.report.view import summary_of
-from beltid.stage import STAGES, Stage
+from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
+from beltid.stages.steps import STAGES
 from beltid.stages.workers import Workers
 
 DONE: Final = "done"
@@ -29,8 +30,6 @@ WRONG: Final = "cannot be made"
 NO_RECORDING: Final = "no recording"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
 REPORT: Final = "report"
-OVERRIDDEN_BY: Final = {"compare": "compare refined"}
-"""Comparison that may be out of tolerance -> that whose success overrides it: the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,51 +103,39 @@ class Belt:
 
     def has(self, name: str, said: Summary, spent_s: float) -> None:
         """Record and log what a step has made, or found up to date."""
-        self.states[name] = UP_TO_DATE if said.up_to_date else DONE
+        state, self.facts[name] = UP_TO_DATE if said.up_to_date else DONE, said.facts
         if said.exit_status:
-            judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
-            self.states[name] = OUT_OF_TOLERANCE if judged else FAILED
+            state = OUT_OF_TOLERANCE if said.exit_status == EXIT_OUT_OF_TOLERANCE else FAILED
             self.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
-        self.facts[name] = said.facts
+        self.states[name] = state
         self.origins.append(said.origin)
         self.new |= not said.up_to_date
-        spent = "" if said.up_to_date else f", {spent_s:.1f} s"
-        log.info("%s: %s%s", name, self.states[name], spent)
+        log.info("%s: %s%s", name, state, "" if said.up_to_date else f", {spent_s:.1f} s")
         _say(logging.DEBUG, name, said.notes)
         _say(logging.WARNING, name, said.warnings)
         _say(logging.INFO, name, [said.verdict])
 
     @property
     def exit_status(self) -> int:
-        """Exit status of the first step that failed, unless another one overrides it."""
+        """Exit status of the first step that failed; a refined comparison overrides the other."""
         for name, (status, _) in self.troubles.items():
-            by = self.states.get(OVERRIDDEN_BY.get(name, ""))
+            by = self.states.get("compare refined") if name == "compare" else None  # the result
             if self.states[name] != OUT_OF_TOLERANCE or by not in (DONE, UP_TO_DATE):
                 return status
         return EXIT_DONE
 
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """The steps that failed, each with its exit status and its first problem."""
-        return tuple(
-            f"{name} failed (exit status {status}): {problems[0]}"
-            for name, (status, problems) in self.troubles.items()
-            if self.states[name] == FAILED
-        )
-
 
 def chain_of(config: Config) -> Iterator[tuple[Step, str]]:
     """Yield the steps of a chain, each with its state before the first: some lack a recording."""
-    available = set(config.data.files)
+    available, stated = set(config.data.files), {"", *config.model_fields_set}
     for step in CHAIN:
-        left_out = step.name == "cross-validate" and config.cross_validate.by == "none"
-        if left_out or (step.section and step.section not in config.model_fields_set):
+        if step.name == "cross-validate" and config.cross_validate.by == "none":
             continue
-        state = NO_RECORDING
-        if available.issuperset(step.needs.values()):
-            state = "not run"
+        if step.section in stated and available.issuperset(step.needs.values()):
             available.add(step.makes)
-        yield step, state
+            yield step, "not run"
+        elif step.section in stated:
+            yield step, NO_RECORDING
 
 
 def look_at_belt(
@@ -162,8 +149,8 @@ def look_at_belt(
             state = TO_BE_MADE
             if not force and stale.isdisjoint(needs):
                 try:
-                    *_, existing = step.stage.look(source, step.inputs(files), out)
-                    state = TO_BE_MADE if existing is None else UP_TO_DATE
+                    if step.stage.look(source, step.inputs(files), out)[-1] is not None:
+                        state = UP_TO_DATE
                 except BeltidError as found:
                     state, error = WRONG, found
             if state != WRONG:
@@ -183,14 +170,15 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step, belt.states[step.name] in chain_of(source.config):
-            running = "rig_running" in belt.facts.get("fit-friction", {})
-            if running and step.name not in OF_RUNNING_BELT:
+            is_running = "rig_running" in belt.facts.get("fit-friction", {})
+            if is_running and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
             elif files.keys() >= set(step.needs.values()):
                 out, start = folder / f"{step.makes}.parquet", time.monotonic()
                 try:
-                    inputs = step.inputs(files)
-                    made, kept = step.stage.run(source, inputs, out, force=force, workers=workers)
+                    made, kept = step.stage.run(
+                        source, step.inputs(files), out, force=force, workers=workers
+                    )
                     belt.has(step.name, summary_of(made, up_to_date=kept), time.monotonic() - start)
                     files[step.makes] = out
                 except TooFewSettings as error:
@@ -199,12 +187,10 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                 except Exception as error:
                     belt.failed(step.name, error)
         if "not simulated" in belt.states.values():
-            from beltid.stages.rig import NOT_SIMULATED
-
-            log.info(NOT_SIMULATED)
+            log.info(stages.rig.NOT_SIMULATED)
     # what lacks a recording is hidden as such, whoever writes the page
-    lacks = [step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING]
-    belt.made = sorted({*files, *lacks})
+    lack = (step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING)
+    belt.made = sorted({*files, *lack})
     return belt
 
 
@@ -212,15 +198,19 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
     """Write the report of a belt that has results; not to be called from several threads."""
     if not belt.facts:
         return
-    shown, out = OnPage(folder, source.config.data.files, belt.made, belt.failures), folder / NAME
+    failures = tuple(
+        f"{name} failed (exit status {status}): {problems[0]}"
+        for name, (status, problems) in belt.troubles.items()
+        if belt.states[name] == FAILED
+    )
+    shown, out = OnPage(folder, source.config.data.files, belt.made, failures), folder / NAME
     with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:
             state = UP_TO_DATE
             if mark := mark_to_write([shown], out, force=force):
-                from beltid.stages.report_belt import write_page
-
-                page, state, belt.new = write_page([shown], out, mark), DONE, True
+                page = stages.report_belt.write_page([shown], out, mark)
+                state, belt.new = DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
         except Exception as error:  # matplotlib may have no folder to write to

@@ -9,17 +9,13 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    CancelledError,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import Any, Final
 
+from beltid import stages
 from beltid._version import __version__
 from beltid.batch.chain import (
     DONE,
@@ -60,7 +56,6 @@ COLUMNS: Final = (
 )
 """Columns of the table: name, step, fact; those of a comparison are over all its runs."""
 CONNECT_WITHIN_S: Final = 10.0
-INSTALL: Final = "--scheduler needs the package distributed: pip install 'beltid[cluster]'"
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
@@ -77,8 +72,10 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     for source in sources:
         other = by_name.setdefault(source.name.lower(), source)  # file systems may ignore case
         if other is not source:
-            allowed = f"must differ from that of {other.path}: it names the folder of the results"
-            problems.append(f"{source.path}: belt.name = {source.name}, {allowed}")
+            problems.append(
+                f"{source.path}: belt.name = {source.name}, must differ from that of {other.path}: "
+                "it names the folder of the results"
+            )
     if problems:
         raise ConfigError(problems)
     return sources
@@ -98,8 +95,8 @@ def run_batch(
         ended = _on_cluster(sources, folder, scheduler, force, report)
     else:
         ended = _here(sources, folder, jobs or available_cores(), force, report)
-    by_name = {belt.name: belt for belt in ended}
-    belts = [by_name[source.name] for source in sources]
+    order = [source.name for source in sources]
+    belts = sorted(ended, key=lambda belt: order.index(belt.name))
     if report:
         _compare_on_page(belts, folder, force)
     return _summary(belts, folder)
@@ -109,20 +106,18 @@ def _here(
     sources: Sequence[ConfigSource], folder: Path, jobs: int, force: bool, report: bool
 ) -> Iterator[Belt]:
     """Yield the belts as they end; those with work to do in processes, if there are several."""
-    calls = {}
+    left = []
     for source in sources:
         place = folder / source.name
         looks = look_at_belt(source, place, force=force) if len(sources) > 1 and jobs > 1 else ()
         if any(state in (TO_BE_MADE, WRONG) for _, _, state, _ in looks):
-            calls[source.name] = (source, place)
+            left.append(source)
         else:
             yield run_one(source, place, jobs, force, report)
-    if calls:
-        count = min(jobs, len(calls))
-        more = (jobs // count, force, report)
-        yield from run_in_processes(
-            run_one, {name: (*call, *more) for name, call in calls.items()}, count
-        )
+    if left:
+        count = min(jobs, len(left))
+        calls = {s.name: (s, folder / s.name, jobs // count, force, report) for s in left}
+        yield from run_in_processes(run_one, calls, count)
 
 
 def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: bool) -> Belt:
@@ -155,9 +150,8 @@ def run_in_processes(
         try:
             yield from _ended(work, {name: call}, 1)
         except BrokenProcessPool:
-            belt = Belt(name)
-            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
-            belt.failed("process", BeltidError(text))
+            belt, twice = Belt(name), f"{name}: was killed twice (out of memory?)"
+            belt.failed("process", BeltidError(f"{twice}; run again, with fewer --jobs"))
             yield belt
 
 
@@ -231,36 +225,34 @@ def _on_cluster(
 
 
 def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
-    """Write the page that compares the belts."""
-    on_page, page = [belt.page for belt in belts if belt.page], folder / NAME
-    if len(on_page) < 2:
+    pages, page = [belt.page for belt in belts if belt.page], folder / NAME
+    if len(pages) < 2:
         return
-    on_page.sort(key=lambda shown: shown.folder)
+    on_page = sorted(pages, key=lambda shown: shown.folder)
     try:
         if mark := mark_to_write(on_page, page, force=force):
-            from beltid.stages.report_belt import write_page
-
-            write_page(on_page, page, mark)
+            stages.report_belt.write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
         next(belt for belt in reversed(belts) if belt.page).failed(REPORT, error)
 
 
 def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
-    """Summarize a batch: one line per belt, and the verdict."""
     rows = [_row(belt) for belt in belts]
     failed = [row for row in rows if row["exit_status"] != EXIT_DONE]
-    up_to_date = all(row["status"] == UP_TO_DATE for row in rows)
+    up_to_date, status = all(row["status"] == UP_TO_DATE for row in rows), EXIT_DONE
     verdict = "everything is up to date, nothing was done" if up_to_date else "all belts done"
-    status = EXIT_DONE
     if failed:
         status = EXIT_BATCH_FAILED if len(belts) > 1 else failed[0]["exit_status"]
         names = ", ".join(row["belt"] for row in failed)
         verdict = f"{len(failed)} of {len(belts)} belts failed: {names}"
     origins = {row["origin"] for row in rows}
     # a column that is empty for all belts appears only for programs
-    columns = ["belt", *(name for name, _, _ in COLUMNS), "status"]
-    shown = [name for name in columns if any(row[name] is not None for row in rows)]
+    shown = [
+        name
+        for name in ("belt", *(name for name, _, _ in COLUMNS), "status")
+        if any(row[name] is not None for row in rows)
+    ]
     return Summary(
         stage="run",
         title="from the recordings to the comparison",
@@ -277,27 +269,27 @@ def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
 
 def _row(belt: Belt) -> dict[str, Any]:
     """Return the law, friction, agreement and status of a belt, and all else that is known."""
-    row: dict[str, Any] = {"belt": belt.name}
-    for column, step, fact in COLUMNS:
-        facts = belt.facts.get(step, {})
-        row[column] = (facts["groups"][0] if "groups" in facts else facts).get(fact)
-    problems = [f"{step}: {line}" for step, (_, of) in belt.troubles.items() for line in of]
-    row |= {
+    facts = {step: of.get("groups", [of])[0] for step, of in belt.facts.items()}
+    return {
+        "belt": belt.name,
+        **{column: facts.get(step, {}).get(fact) for column, step, fact in COLUMNS},
         "status": _status(belt),
         "origin": combined_origin(belt.origins),
         "exit_status": belt.exit_status,
         "stages": dict(belt.states),
-        "problems": problems,
+        "problems": [f"{step}: {line}" for step, (_, of) in belt.troubles.items() for line in of],
+        **{step.replace("-", "_").replace(" ", "_"): of for step, of in belt.facts.items()},
     }
-    return row | {step.replace("-", "_").replace(" ", "_"): f for step, f in belt.facts.items()}
 
 
 def _status(belt: Belt) -> str:
-    """Return what became of a belt in a few words."""
     if not belt.new and FAILED not in belt.states.values():
         return UP_TO_DATE
-    wrong = (FAILED, OUT_OF_TOLERANCE)
-    words = [f"{name} {state}" for name, state in belt.states.items() if state in wrong]
+    words = [
+        f"{name} {state}"
+        for name, state in belt.states.items()
+        if state in (FAILED, OUT_OF_TOLERANCE)
+    ]
     if belt.exit_status == EXIT_DONE:
         missing = " or ".join(belt.lacking)
         words.insert(0, f"{DONE}, without {missing}" if missing else DONE)
@@ -313,11 +305,14 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, *, force: bool = F
             if error is not None:
                 status = status or error.exit_status
                 warnings += [f"{source.name}: {name}: {line}" for line in error.problems]
-    count = sum(row["state"] == TO_BE_MADE for row in rows)
     return Summary(
         stage="run --dry-run",
         title="what would be done; nothing was done",
-        facts={"belts": len(sources), "steps": len(rows), "steps_to_be_made": count},
+        facts={
+            "belts": len(sources),
+            "steps": len(rows),
+            "steps_to_be_made": sum(row["state"] == TO_BE_MADE for row in rows),
+        },
         table=rows,
         shown=("belt", "step", "state"),
         warnings=tuple(warnings),
@@ -338,7 +333,9 @@ class Cluster(Workers):
             from distributed import Client
             from distributed.comm import get_address_host_port
         except ImportError:
-            raise InputError(INSTALL) from None
+            raise InputError(
+                "--scheduler needs the package distributed: pip install 'beltid[cluster]'"
+            ) from None
         # its log would mix with our notes; what matters is raised as an error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.about = f"cluster {address}"
@@ -361,8 +358,10 @@ class Cluster(Workers):
         try:
             yield from super().as_ended(function, calls)
         except (KilledWorker, CancelledError, OSError) as error:
-            text = f"{self.about}: the connection was lost, or workers died ({error})"
-            raise BeltidError(f"{text}; run again to continue with what is not finished") from None
+            raise BeltidError(
+                f"{self.about}: the connection was lost, or workers died ({error}); run again to "
+                "continue with what is not finished"
+            ) from None
 
     def close(self) -> None:
         """Disconnect."""
@@ -372,8 +371,8 @@ class Cluster(Workers):
 def refuse_others(client: Any, cluster: str) -> None:
     """Refuse workers without beltid, or with other sources, which could give other results."""
     hashes = client.run(source_sha256, on_error="return")
-    others = [worker for worker, found in hashes.items() if found != source_sha256()]
-    if others:
-        found = f"{len(others)} of {len(hashes)} workers have no beltid or another one"
-        remedy = f"install beltid {__version__} there as on this computer"
-        raise InputError(f"{cluster}: {found}, such as {others[0]}; {remedy}")
+    if others := [worker for worker, found in hashes.items() if found != source_sha256()]:
+        raise InputError(
+            f"{cluster}: {len(others)} of {len(hashes)} workers have no beltid or another one, "
+            f"such as {others[0]}; install beltid {__version__} there as on this computer"
+        )

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
-from beltid.cli.program import FIRST, Common, app, command, config_of, plain_typer
+from beltid import stages
+from beltid.cli.execute import Common, refuse_out
+from beltid.cli.program import FIRST, app, command, config_of, plain_typer
+from beltid.errors import InputError
+from beltid.notes import log
 from beltid.report.summary import Summary
-
-SCHEDULER_VARIABLE: Final = "DASK_SCHEDULER_ADDRESS"
 
 
 @command("inspect", kept=None)
@@ -36,9 +38,7 @@ def inspect(
     --------
     beltid inspect export.txt
     """
-    from beltid.stages.inspect_file import run
-
-    return run(config_of(files[0], common), files, kind)
+    return stages.inspect_file.run(config_of(files[0], common), files, kind)
 
 
 @command(
@@ -63,9 +63,7 @@ def init(name: str, files: list[Path] | None = None, *, common: Common) -> Summa
     --------
     beltid init 6pk press.csv rig.csv
     """
-    from beltid.stages.inspect_file import new_config
-
-    return new_config(name, files or [], common.out, force=common.force)
+    return stages.inspect_file.new_config(name, files or [], common.out, force=common.force)
 
 
 @command(
@@ -110,21 +108,24 @@ def run(
     beltid run configs/4pk.yaml configs/5pk.yaml
     """
     from beltid.batch.run import config_sources, plan_batch, run_batch
-    from beltid.errors import InputError
-    from beltid.notes import log
 
     if scheduler is not None and jobs is not None:
         raise InputError("--jobs is for this machine, --scheduler for a cluster: give only one")
-    address = scheduler or ""
-    if scheduler is None and jobs is None:
-        address = os.environ.get(SCHEDULER_VARIABLE, "")
-        if address:
-            log.info("cluster %s, named by $%s", address, SCHEDULER_VARIABLE)
-    sources, force = config_sources(configs or [], common.config), common.force
-    folder, report = common.out or Path("runs"), not no_report
+    named = os.environ.get("DASK_SCHEDULER_ADDRESS", "")
+    if named and scheduler is None and jobs is None:
+        scheduler = named
+        log.info("cluster %s, named by $DASK_SCHEDULER_ADDRESS", scheduler)
+    sources, folder = config_sources(configs or [], common.config), common.out or Path("runs")
     if dry_run:
-        return plan_batch(sources, folder, force=force)
-    return run_batch(sources, folder, jobs=jobs, scheduler=address, force=force, report=report)
+        return plan_batch(sources, folder, force=common.force)
+    return run_batch(
+        sources,
+        folder,
+        jobs=jobs,
+        scheduler=scheduler or "",
+        force=common.force,
+        report=not no_report,
+    )
 
 
 @command(
@@ -149,9 +150,7 @@ def report(folders: list[Path], *, common: Common) -> Summary:
     --------
     beltid report runs/4pk runs/5pk
     """
-    from beltid.stages.report_belt import run
-
-    return run(folders, common.out, common.config, force=common.force)
+    return stages.report_belt.run(folders, common.out, common.config, force=common.force)
 
 
 @command(
@@ -176,9 +175,7 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> Summar
     beltid show runs/5pk/friction.parquet -o friction.csv
     beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """
-    from beltid.stages.about import shown
-
-    return shown(artifact, common.out, figure, force=common.force)
+    return stages.about.shown(artifact, common.out, figure, force=common.force)
 
 
 @command(
@@ -223,10 +220,8 @@ def export(
     beltid export exudyn runs/5pk --normal-force 5000 --speed 0.02
     beltid export all runs/5pk -o laws/5pk
     """
-    from beltid.stages.export_law import run
-
-    exact_at, out = (normal_force, speed), common.out
-    return run(target, source, common.config, out, surface, exact_at, force=common.force)
+    asked = target, source, common.config, common.out, surface, (normal_force, speed)
+    return stages.export_law.run(*asked, force=common.force)
 
 
 config_app = plain_typer(
@@ -255,13 +250,11 @@ def config_show(file: Path | None = None, *, all: bool = False, common: Common) 
     --------
     beltid config show rig.csv --all
     """
-    from beltid.cli.execute import refuse_out
     from beltid.config import config_text
-    from beltid.stages.about import config_values
 
     if common.json:
         refuse_out(common)
-        return config_values(config_of(file, common), complete=all)
+        return stages.about.config_values(config_of(file, common), complete=all)
     return config_text(config_of(file, common).config, complete=all)
 
 
@@ -280,6 +273,4 @@ def config_check(configs: list[Path], *, common: Common) -> Summary:
     --------
     beltid config check configs/5pk.yaml
     """
-    from beltid.stages.about import check_configs
-
-    return check_configs(configs)
+    return stages.about.check_configs(configs)

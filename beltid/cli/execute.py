@@ -1,33 +1,73 @@
-"""Do the work of a command: notes, progress, result, and errors as exit statuses."""
+"""Do the work of a command: notes, progress, result, exit status, stop signals, streams.
+
+A stop signal (Ctrl-C, the system) is reported, the children are ended, and the program exits:
+nothing is unwound. Results are written whole or not at all and survive even a kill, so it exits
+wherever the signal reaches it, even within compiled code or an import, where an exception would be
+lost or do harm. The exit status is the one that shells expect.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
+import signal
 import sys
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import typer
 
-from beltid.cli.process import CLEAR_LINE, if_stopped, mute
-from beltid.cli.program import Common
 from beltid.errors import BeltidError, InputError, printable
 from beltid.notes import heard_by, log, python_warnings
+from beltid.store.disk import check_place, write_bytes
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from beltid.report.summary import Summary
 
 NOTHING: Final = "nothing was written"
-TEXT_ENDINGS: Final = (".yaml", ".yml")
 MOST_WARNINGS: Final = 10  # that are printed without --verbose
-PLAIN_WIDTH: Final = 100
 LINE_EVERY_S: Final = {True: 0.2, False: 10.0}  # of progress: on a terminal, in a log
-MARKS: Final = {logging.WARNING: "warning: ", logging.ERROR: "error: "}
+WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
+CLEAR_LINE: Final = "\r\x1b[2K"  # terminal codes that clear the line of progress
+
+_kept: list[str] = []
+
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """Options of every command, in the order of the help.
+
+    Parameters
+    ----------
+    config : YAML
+        Config of belt, benches and settings. Default: the one that the environment variable
+        BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to the input or in a
+        folder above it, else the built-in 5PK rig of the paper.
+    out : FILE
+        File to write. Default: next to the input, as named in the help.
+    json : bool
+        Print one JSON object instead of a table.
+    quiet : bool
+        Print warnings and errors only.
+    verbose : bool
+        Print all rows and details.
+    force : bool
+        Compute again even if the result is up to date, and replace another file at --out. Inputs
+        and recordings are never replaced.
+    """
+
+    config: Path | None = None
+    out: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    force: bool = False
 
 
 def finish(work: Callable[[], Summary | str], common: Common, kept: str | None = NOTHING) -> None:
@@ -42,15 +82,13 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
                 if kept is None:
                     refuse_out(common)
                 made = work()
-                if isinstance(made, str) and common.out is not None:
-                    from beltid.store.disk import check_place, write_bytes
-
-                    check_place(common.out, TEXT_ENDINGS, force=common.force)
+                if not isinstance(made, str):
+                    _report(made, common, time.monotonic() - start)
+                elif common.out is not None:
+                    check_place(common.out, (".yaml", ".yml"), force=common.force)
                     write_bytes(common.out, made.encode())
                     log.info("%s written", common.out)
                     raise typer.Exit
-                if not isinstance(made, str):
-                    _report(made, common, time.monotonic() - start)
                 _print(made, common)
         except BeltidError as error:
             for problem in error.problems:
@@ -66,15 +104,13 @@ def refuse_out(common: Common) -> None:
 
 
 def _report(summary: Summary, common: Common, elapsed_s: float) -> None:
-    """Report notes, warnings and the outcome."""
     for note in summary.notes:
         log.info("note: %s", note)
-    every = common.verbose and not common.quiet
-    shown = summary.warnings[: None if every else MOST_WARNINGS]
-    for warning in shown:
+    most = None if common.verbose and not common.quiet else MOST_WARNINGS
+    for warning in summary.warnings[:most]:
         log.warning("%s", warning)
-    if len(shown) < len(summary.warnings):
-        log.warning("and %d more, see --verbose", len(summary.warnings) - len(shown))
+    if more := len(summary.warnings[most or len(summary.warnings) :]):
+        log.warning("and %d more, see --verbose", more)
     if summary.up_to_date:
         log.info("%s is up to date, nothing computed; --force computes again", summary.out)
     elif summary.exit_status:
@@ -90,9 +126,17 @@ def _print(made: Summary | str, common: Common) -> None:
         elif common.json:
             print(json.dumps(made.as_json(), indent=2, ensure_ascii=False, allow_nan=False))
         else:
+            from rich.console import Console
+
             from beltid.report.summary import show
 
-            show(made, console(), complete=common.verbose)
+            columns = os.environ.get("COLUMNS", "")
+            width = int(columns) if columns.isdecimal() and int(columns) > 0 else None
+            about: dict[str, Any] = {"width": width}
+            if not sys.stdout.isatty():
+                # the text must not depend on the terminal from which the pipe was started
+                about = {"force_terminal": False, "width": width or 100, "color_system": None}
+            show(made, Console(**about), complete=common.verbose)
         sys.stdout.flush()
     except OSError as error:
         mute("stdout")
@@ -100,24 +144,11 @@ def _print(made: Summary | str, common: Common) -> None:
             raise BeltidError(f"stdout: {error.strerror or error}") from None
 
 
-def console() -> Console:
-    """Create a console on stdout: as wide as the terminal, plain if there is none."""
-    from rich.console import Console
-
-    columns = os.environ.get("COLUMNS", "")
-    width = int(columns) if columns.isdecimal() and int(columns) > 0 else None
-    if sys.stdout.isatty():
-        return Console(width=width)
-    # the text must not depend on the terminal from which the pipe was started
-    return Console(force_terminal=False, width=width or PLAIN_WIDTH, color_system=None)
-
-
 class Terminal(logging.Handler):
     """Handler on stderr: lines, and the progress of long tasks."""
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
-        level = logging.DEBUG if verbose else logging.INFO
-        super().__init__(logging.WARNING if quiet else level)
+        super().__init__(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
         self._tasks: dict[str, tuple[float, float]] = {}  # time of the first step, of the last line
         self._clear = ""  # what clears the line of progress that stands there
 
@@ -126,8 +157,9 @@ class Terminal(logging.Handler):
         if step := getattr(record, "progress", None):
             self._step(*step)
         else:
-            text = MARKS.get(record.levelno, "") + record.getMessage()
-            self._print("\n".join(printable(line) for line in text.split("\n")) + "\n")
+            mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
+            lines = f"{mark}{record.getMessage()}".split("\n")
+            self._print("\n".join(map(printable, lines)) + "\n")
 
     def _step(self, label: str, done: int, total: int) -> None:
         """Print how far a task is, every few seconds; on a terminal over the line before."""
@@ -141,7 +173,7 @@ class Terminal(logging.Handler):
             self._tasks[label] = (first, now)
             left = (now - first) / (done - 1) * (total - done)
             text = f"{printable(label)}: {done} of {total}, about {left:.0f} s left"
-            self._print(text + "\n" * (not terminal))
+            self._print(text if terminal else f"{text}\n")
             self._clear = CLEAR_LINE * terminal
 
     def _print(self, text: str) -> None:
@@ -150,3 +182,58 @@ class Terminal(logging.Handler):
         except OSError:  # stderr is gone; the work goes on
             mute("stderr")
         self._clear = ""
+
+
+def one_thread_each() -> None:
+    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers."""
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def hear_signals() -> None:
+    """Install the handlers of stop signals; a signal that is ignored (nohup) stays ignored."""
+    for name in WORDS:
+        number = getattr(signal, name, None)
+        if number is None or signal.getsignal(number) == signal.SIG_IGN:
+            continue
+        with contextlib.suppress(ValueError, OSError):  # not in the main thread
+            signal.signal(number, _leave)
+
+
+@contextlib.contextmanager
+def if_stopped(kept: str) -> Iterator[None]:
+    """Set the message about the results for a stop signal that comes inside."""
+    _kept.append(kept)
+    try:
+        yield
+    finally:
+        _kept.pop()
+
+
+def _leave(number: int, frame: FrameType | None) -> NoReturn:
+    line = "; ".join([WORDS[signal.Signals(number).name], *_kept[-1:]])
+    text = f"{CLEAR_LINE * os.isatty(2)}error: {printable(line)}\n"
+    with contextlib.suppress(OSError):
+        os.write(2, text.encode(getattr(sys.stderr, "encoding", None) or "utf-8", "replace"))
+    with contextlib.suppress(Exception):  # the processes of a batch
+        if "multiprocessing" in sys.modules:
+            for child in sys.modules["multiprocessing"].active_children():
+                child.kill()
+    os._exit(128 + number)
+
+
+def prepare_streams() -> None:
+    """Redirect closed streams to the null device, and replace characters that a stream lacks."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            # the lowest free descriptor is that of the closed stream: now no result can get it
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def mute(name: str) -> None:
+    """Redirect a broken output stream to the null device, so that flushing at exit cannot fail."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())

@@ -6,7 +6,6 @@ import inspect
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Final, get_origin
@@ -16,8 +15,10 @@ from typer.core import TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
-from beltid.cli.process import hear_signals, one_thread_each, prepare_streams
+from beltid.cli.execute import Common, finish, hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
+from beltid.notes import log
+from beltid.stages.steps import STAGES
 
 MAIN_HELP: Final = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
@@ -26,15 +27,15 @@ From bench recordings to a friction law that is proven on a simulated copy of th
 Cepon, Manin and Boltezar, 2010). `beltid run CONFIG.yaml` goes through all steps, and through the
 drive if the config has one. Results go to stdout, messages and progress to stderr.
 """
-STATUSES: Final = (
-    ("0", "done"),
-    ("1", "a bug in beltid, with a traceback"),
-    ("2", "wrong call, config or input; the message says what to correct"),
-    ("3", "numerical failure: no convergence, or no admissible law"),
-    ("4", "compare, cross-validate, compare-drive: the difference is out of tolerance"),
-    ("5", "run: some of several belts failed"),
-    ("130", "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed"),
-)
+STATUSES: Final = {
+    "0": "done",
+    "1": "a bug in beltid, with a traceback",
+    "2": "wrong call, config or input; the message says what to correct",
+    "3": "numerical failure: no convergence, or no admissible law",
+    "4": "compare, cross-validate, compare-drive: the difference is out of tolerance",
+    "5": "run: some of several belts failed",
+    "130": "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed",
+}
 FIRST: Final = {
     "inspect": "FILE -> how it is read, and a config section",
     "init": "write a commented config for a new belt",
@@ -45,8 +46,6 @@ FIRST: Final = {
     "config": "show or check a config",
 }
 """Commands that are no steps, in the order of the help."""
-SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
-VERSION_HELP: Final = "Show the version and exit; with -v, those of all libraries."
 SHORT: Final = {
     "jobs": "-j",
     "dry_run": "-n",
@@ -64,41 +63,9 @@ FILES: Final = (
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
-@dataclass(frozen=True, slots=True)
-class Common:
-    """Options of every command, in the order of the help.
-
-    Parameters
-    ----------
-    config : YAML
-        Config of belt, benches and settings. Default: the one that the environment variable
-        BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to the input or in a
-        folder above it, else the built-in 5PK rig of the paper.
-    out : FILE
-        File to write. Default: next to the input, as named in the help.
-    json : bool
-        Print one JSON object instead of a table.
-    quiet : bool
-        Print warnings and errors only.
-    verbose : bool
-        Print all rows and details.
-    force : bool
-        Compute again even if the result is up to date, and replace another file at --out. Inputs
-        and recordings are never replaced.
-    """
-
-    config: Path | None = None
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    verbose: bool = False
-    force: bool = False
-
-
 def config_of(file: Path | None, common: Common) -> Any:
     """Return the config of a file, and tell which it is."""
     from beltid.config import find_config
-    from beltid.notes import log
 
     source = find_config(file, common.config)
     log.info("config: %s", source.origin)
@@ -113,7 +80,6 @@ class InOrder(TyperGroup):
         if "--version" in args:
             typer.echo(f"beltid {__version__}")
             if {"-v", "--verbose"} & set(args):
-                from beltid.cli.execute import finish
                 from beltid.stages.about import program
 
                 finish(program, Common(verbose=True), None)
@@ -138,33 +104,33 @@ class InOrder(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands: first what a new user needs, then the steps of the method."""
-        common = [
-            (f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(), text)
+        common = {
+            f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(): text
             for name, (kind, text) in _common().items()
-        ]
-        for title, rows in (
-            ("Commands", FIRST.items()),
-            ("Steps", [(name, _short(step)) for name, step in _steps().items()]),
-            ("Options of every command", [*common, ("-h, --help", "Show the help of a command.")]),
-            ("Exit status", STATUSES),
-        ):
+        }
+        for title, rows in {
+            "Commands": FIRST,
+            "Steps": {name: _short(step) for name, step in _steps().items()},
+            "Options of every command": common | {"-h, --help": "Show the help of a command."},
+            "Exit status": STATUSES,
+        }.items():
             with formatter.section(title):
-                formatter.write_dl(list(rows))
+                formatter.write_dl(list(rows.items()))
 
 
 def _steps() -> dict[str, Any]:
     """Return the steps of the method that are commands, in their order."""
-    import_module("beltid.stages.steps")
-    from beltid.stage import STAGES
-
     return {name: step for name, step in STAGES.items() if step.is_command}
 
 
 def plain_typer(**about: Any) -> typer.Typer:
     """Create a group of commands without colours and boxes."""
-    settings = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
-    about |= {"rich_markup_mode": None, "no_args_is_help": True, "context_settings": settings}
-    return typer.Typer(**about)
+    return typer.Typer(
+        rich_markup_mode=None,
+        no_args_is_help=True,
+        context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+        **about,
+    )
 
 
 app = plain_typer(cls=InOrder, name="beltid", help=MAIN_HELP, pretty_exceptions_enable=False)
@@ -187,27 +153,33 @@ def command(
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         text, told, example = sections(inspect.getdoc(function) or "")
-        signature = inspect.signature(function, eval_str=True).parameters.values()
-        own, common = [p for p in signature if p.name != "common"], _common()
-        if out:
-            kind, _, meaning = out.partition(": ")
-            common["out"] = kind, meaning
-        parameters = [parameter(p, *told.get(p.name, ("", ""))) for p in own]
-        for p in inspect.signature(Common, eval_str=True).parameters.values():
-            hidden = p.name != "out" or not out
-            parameters.append(parameter(p.replace(kind=KEYWORD), *common[p.name], hidden=hidden))
+        common = _common() | ({"out": tuple(out.split(": ", 1))} if out else {})
+        parameters = [
+            parameter(p, *told.get(p.name, ("", "")))
+            for p in inspect.signature(function, eval_str=True).parameters.values()
+            if p.name != "common"
+        ]
+        parameters += [
+            parameter(p.replace(kind=KEYWORD), *common[p.name], hidden=p.name != "out" or not out)
+            for p in inspect.signature(Common, eval_str=True).parameters.values()
+        ]
 
         def called(*args: Any, **values: Any) -> None:
-            from beltid.cli.execute import finish
-
             given = Common(**{name: values.pop(name) for name in common})
-            left = kept and kept.format(out=given.out or "runs")
-            finish(lambda: function(*args, common=given, **values), given, left)
+            finish(
+                lambda: function(*args, common=given, **values),
+                given,
+                kept and kept.format(out=given.out or "runs"),
+            )
 
         called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         called.__annotations__ = {p.name: p.annotation for p in parameters}
         called.__doc__ = f"{text}\n\n{example}"
-        of.command(name, short_help=short, epilog=SEE)(called)
+        of.command(
+            name,
+            short_help=short,
+            epilog="Options of every command (-c, -o, -f, -q, -v, --json): beltid --help",
+        )(called)
         return function
 
     return made
@@ -241,8 +213,7 @@ def add_step(stage: Any) -> None:
         files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
         first = next(iter(files.values()), None)
         out = common.out or (folder_of(first) if first else Path()) / stage.file_name(given)
-        source = config_of(first, common)
-        made, kept = stage.run(source, files, out, force=common.force, **given)
+        made, kept = stage.run(config_of(first, common), files, out, force=common.force, **given)
         return summary_of(made, up_to_date=kept)
 
     step.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -252,11 +223,8 @@ def add_step(stage: Any) -> None:
 
 def _short(stage: Any) -> str:
     """Return the line of a step in the list of commands: what it reads and writes."""
-    needed = [
-        _kind(stage, name).upper()
-        for name, p in stage.signature.parameters.items()
-        if name in stage.reads and p.kind is not KEYWORD
-    ]
+    parameters = stage.signature.parameters
+    needed = [_kind(stage, n).upper() for n in stage.reads if parameters[n].kind is not KEYWORD]
     return f"{', '.join(needed)} -> {stage.file_name()}"
 
 
@@ -274,15 +242,13 @@ def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspe
     """Return a parameter as an argument, or as an option if it is a keyword; or as it is told."""
     if get_origin(p.annotation) is Annotated:
         return p
-    annotation = type(p.default) if p.annotation is p.empty else p.annotation
     about |= {"help": text, "metavar": _metavar(kind)}
     if p.kind is not KEYWORD:
-        return p.replace(annotation=Annotated[annotation, typer.Argument(**about)])
-    about["show_default"] = p.default not in (None, False)
-    if p.name == "jobs" or annotation is int:
-        about["min"] = 1
+        return p.replace(annotation=Annotated[p.annotation, typer.Argument(**about)])
+    about |= {"show_default": p.default not in (None, False)}
+    about |= {"min": 1} if p.name == "jobs" or p.annotation is int else {}
     option = typer.Option(*reversed(_names(p.name)), **about)
-    return p.replace(annotation=Annotated[annotation, option])
+    return p.replace(annotation=Annotated[p.annotation, option])
 
 
 def _names(name: str) -> list[str]:
@@ -291,8 +257,9 @@ def _names(name: str) -> list[str]:
 
 def _metavar(kind: str) -> str | None:
     """Return the choices of a docstring, or its type if that is a name in capitals or a unit."""
-    of_type = kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
-    return "|".join(re.findall(r'"([^"]+)"', kind)) or of_type
+    if choices := re.findall(r'"([^"]+)"', kind):
+        return "|".join(choices)
+    return kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
 
 
 def _common() -> dict[str, tuple[str, str]]:
@@ -301,21 +268,27 @@ def _common() -> dict[str, tuple[str, str]]:
 
 def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
     """Split a numpydoc text: what it says, its parameters with type and meaning, its examples."""
-    parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
-    pattern = r"^(\w+) : (.*)\n((?:    .*\n?)+)"
-    told = re.findall(pattern, found.get("Parameters", ""), flags=re.M)
-    lines = found.get("Examples", "").strip().splitlines()
-    example = "\n".join(f"{' ' * 9 if i else 'Example: '}{line}" for i, line in enumerate(lines))
+    text, *parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
+    found = dict(zip(parts[::2], parts[1::2], strict=True))
+    told = re.findall(r"^(\w+) : (.*)\n((?:    .*\n?)+)", found.get("Parameters", ""), flags=re.M)
+    example = "\n         ".join(found.get("Examples", "").split("\n")).strip()
+    mark = "\b\n" if "\n" in example else ""
     return (
-        parts[0].strip(),
-        {name: (kind, " ".join(text.split())) for name, kind, text in told},
-        f"\b\n{example}" if len(lines) > 1 else example,
+        text.strip(),
+        {name: (kind, " ".join(meaning.split())) for name, kind, meaning in told},
+        example and f"{mark}Example: {example}",
     )
 
 
 @app.callback()
-def _top(version: Annotated[bool, typer.Option("--version", help=VERSION_HELP)] = False) -> None:
+def _top(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit; with -v, those of all libraries."
+        ),
+    ] = False,
+) -> None:
     """Declare for the help what the group does."""
 
 

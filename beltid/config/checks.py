@@ -1,6 +1,6 @@
 """Keys of a config: default, bounds, unit and meaning, stated once; and the checks of values.
 
-A key is declared as the default of its field, ``ribs: int = count(5, 1, 100, "number of ribs")``.
+A key is declared as the default of its field, ``arm_m: float = number(1, 0, 10, "m", "length")``.
 What is declared is checked, printed by ``config show`` and ``init``, and listed in the reference.
 A check returns the value as it is stored, or raises `complain`; its range is its `allowed`, so that
 the bound that is checked and the bound that is printed cannot differ.
@@ -27,9 +27,7 @@ from beltid.tables.units import CONVERSIONS, calibration, conversion
 FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
 PLAIN_WORDS: Final = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
 LARGEST: Final = sys.float_info.max
-_PLACE: Final = re.compile(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
-_TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side")
 Check = Callable[[Any], Any]
 SI: Final[dict[str, tuple[str, Callable[[float], float]]]] = {
     "_N_m_deg": ("_N_m_rad", math.degrees),
@@ -58,8 +56,9 @@ def each(items: Iterable[tuple[str | int, Any, Check]]) -> dict[Any, Any]:
         except ValidationError as error:
             for inner in error.errors(include_url=False):
                 kind = PydanticCustomError(inner["type"], inner["msg"], inner.get("ctx"))
-                loc = (place, *inner["loc"])
-                wrong.append(InitErrorDetails(type=kind, loc=loc, input=inner["input"]))
+                wrong.append(
+                    InitErrorDetails(type=kind, loc=(place, *inner["loc"]), input=inner["input"])
+                )
     if wrong:
         raise ValidationError.from_exception_data("config", wrong)
     return valid
@@ -93,8 +92,7 @@ class Number:
         value = value.item() if hasattr(value, "item") else value
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or (self.whole and value % 1):
-            kind = "whole number" if self.whole else "number"
-            raise complain(f"a {kind} {self.allowed}{_hint(value)}")
+            raise complain(f"a {'whole ' * self.whole}number {self.allowed}{_hint(value)}")
         above = value > self.low if self.open_low else value >= self.low
         below = value < self.high if self.open_high else value <= self.high
         if not (above and below and abs(value) <= LARGEST) or (self.even and value % 2):
@@ -105,13 +103,13 @@ class Number:
 def _hint(value: Any) -> str:
     """Tell why a text is not a number."""
     text = value.strip() if isinstance(value, str) else ""
-    if re.fullmatch(r"[-+]?\d+,\d+([eE][-+]?\d+)?", text):
-        return f" (the decimal sign is a point: {text.replace(',', '.')})"
-    if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", text):
-        return " (without quotes)"
-    if re.match(r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°]", text):
-        return " (the number alone; its unit is in the key)"
-    return ""
+    hints = {
+        r"[-+]?\d+,\d+([eE][-+]?\d+)?": f"the decimal sign is a point: {text.replace(',', '.')}",
+        r"[-+]?[\d.]+([eE][-+]?\d+)?": "without quotes",
+        r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°].*": "the number alone; its unit is in the key",
+    }
+    found = (f" ({hint})" for form, hint in hints.items() if re.fullmatch(form, text, re.DOTALL))
+    return next(found, "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +159,10 @@ class Keys:
             raise complain("a section with the keys " + ", ".join(self.known))
         given: dict[str, Any] = {k: {} for k, of in self.known.items() if isinstance(of, Keys)}
         given |= {str(name): item for name, item in value.items() if item is not None}
-        valid = each((k, item, self.known.get(k, self._unknown)) for k, item in given.items())
-        return {**self.default, **valid}
+        return {
+            **self.default,
+            **each((k, item, self.known.get(k, self._unknown)) for k, item in given.items()),
+        }
 
     def _unknown(self, value: Any) -> Any:
         raise PydanticCustomError("unknown", "unknown", {"known": list(self.known)})
@@ -185,9 +185,9 @@ def text(value: Any) -> str:
 def file_path(value: Any) -> Path:
     """Check the path of a file; ``~`` is the home folder."""
     is_path = isinstance(value, (str, Path)) and 1 <= len(str(value)) <= 4096
-    if not is_path or not str(value).isprintable():
-        raise complain("the path of a file")
-    return Path(os.path.expanduser(value))
+    if is_path and str(value).isprintable():
+        return Path(os.path.expanduser(value))
+    raise complain("the path of a file")
 
 
 def pattern_of_names(value: Any) -> str:
@@ -233,10 +233,7 @@ def separating_character(value: Any) -> str:
 
 def unit_of(target: str) -> Check:
     """Return the check of a unit that converts to that of a column, or of a calibration."""
-    finite = Number(-LARGEST, LARGEST)
-    parts = Keys({"factor": finite, "offset": finite}, {"offset": 0.0})
-    units = ", ".join(CONVERSIONS.get(target, {}))
-    example = f"a calibration: 250 {target}/V, or {{factor: 250, offset: 0}}"
+    parts = Keys(dict.fromkeys(("factor", "offset"), Number(-LARGEST, LARGEST)), {"offset": 0.0})
 
     def check(value: Any) -> str | dict[str, float]:
         if isinstance(value, Mapping):
@@ -245,7 +242,10 @@ def unit_of(target: str) -> Check:
                 return valid
         elif isinstance(value, str) and (conversion(value, target) or calibration(value, target)):
             return value
-        raise complain(f"one of {units}; or {example} ({target} = factor * raw + offset)")
+        raise complain(
+            f"one of {', '.join(CONVERSIONS.get(target, {}))}; or a calibration: 250 {target}/V, "
+            f"or {{factor: 250, offset: 0}} ({target} = factor * raw + offset)"
+        )
 
     return check
 
@@ -255,8 +255,10 @@ def lists_by_name(value: Any) -> dict[str, tuple[float, ...]]:
     if not isinstance(value, Mapping):
         raise complain("lists of numbers by the names of pulleys, such as {driven: [4, 8]}")
     lists = ListOf("[4, 8]", 100_000, Number(-1e7, 1e7))
-    given = {str(k): v if isinstance(v, (list, tuple)) else [v] for k, v in value.items()}
-    return each((name, items, lists) for name, items in given.items())
+    return each(
+        (str(name), items if isinstance(items, (list, tuple)) else [items], lists)
+        for name, items in value.items()
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,16 +309,14 @@ def _match(regex: str, names: list[str]) -> Any:
 
 def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
     """Convert a pattern with braces to a regular expression and its units."""
-    regex, at, units = "", 0, {}
-    for place in _PLACE.finditer(pattern):
-        name = place[1]
-        if place[2]:
-            units[name] = place[2]
-        is_text = name in _TEXT_NAMES or "_" not in (name or "")
-        group = f"(?P<{name}>{'.+?' if is_text else _NUMBER})" if name else ".*?"
-        regex += re.escape(pattern[at : place.start()]) + group
-        at = place.end()
-    return regex + re.escape(pattern[at:]), units
+    text, *places = re.split(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}", pattern)
+    regex, units = re.escape(text), {}
+    for name, unit, after in zip(places[::3], places[1::3], places[2::3], strict=True):
+        if unit:
+            units[name] = unit
+        of = _NUMBER if "_" in (name or "") else ".+?"
+        regex += (f"(?P<{name}>{of})" if name else ".*?") + re.escape(after)
+    return regex, units
 
 
 def number_in_name(text: str) -> float:
@@ -341,8 +341,7 @@ class Section(BaseModel):
         """Return the values in SI units: ``segment_length_cm`` as ``segment_length_m``."""
         values = {}
         for name, value in self:
-            suffix = next((suffix for suffix in SI if name.endswith(suffix)), "")
-            if suffix:
+            if suffix := next(filter(name.endswith, SI), ""):
                 unit, converted = SI[suffix]
                 name = name.removesuffix(suffix) + unit
                 if isinstance(value, tuple):
@@ -355,18 +354,13 @@ class Section(BaseModel):
 
 def key(default: Any, meaning: str, check: Check = anything) -> Any:
     """Declare a key; without a check its type says all, as that of a choice of words."""
-    check = flag if isinstance(default, bool) else check
-    return Field(default, description=meaning, json_schema_extra={"check": check})  # type: ignore[dict-item]
+    about: Any = {"check": flag if isinstance(default, bool) else check}
+    return Field(default, description=meaning, json_schema_extra=about)
 
 
 def number(default: Any, low: float, high: float, unit: str, meaning: str, **bounds: bool) -> Any:
     """Declare a number between two bounds; see `Number`."""
     return key(default, meaning, Number(low, high, unit, **bounds))
-
-
-def count(default: Any, low: int, high: int, meaning: str, *, even: bool = False) -> Any:
-    """Declare a whole number between two bounds."""
-    return key(default, meaning, Number(low, high, whole=True, even=even))
 
 
 def settings(high: float, unit: str, example: str, default: Any, meaning: str) -> Any:
@@ -391,9 +385,11 @@ def allowed(section: type[Section], name: str) -> str:
 
 
 def _words(annotation: Any) -> list[str]:
-    """Return the words of a choice."""
-    parts = get_args(annotation)
-    return [w for part in parts for w in ([part] if isinstance(part, str) else _words(part))]
+    return [
+        word
+        for part in get_args(annotation)
+        for word in ([part] if isinstance(part, str) else _words(part))
+    ]
 
 
 def section_in(annotation: Any) -> type[Section] | None:

@@ -1,27 +1,43 @@
-"""Load a config from a file or a dict, find that of a recording, list its values."""
+"""A config as YAML and back: read with its places, checked, found for a recording, written."""
 
 from __future__ import annotations
 
+import codecs
 import difflib
+import json
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
-from beltid.config.checks import Section, section_in
+from beltid.config.checks import Section, allowed, section_in
 from beltid.config.model import Config
-from beltid.config.source import KeyPath, Place, Source, format_path, read_source
 from beltid.errors import ConfigError
 
 SHOWN = 40
 ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
-FILE_NAME = "beltid.yaml"
 UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")  # key; of other errors, the value
 LAYOUT = ("columns", "units", "runs")
-BUILT_IN = "the built-in 5PK rig of the paper"
+MAX_BYTES: Final = 100_000
+KeyPath = tuple[str | int, ...]
+Place = tuple[int, int]  # line and column, from 1; 0 if unknown
+HEAD: Final = """\
+# Config of the belt {name}, for beltid.
+#
+# Units are part of a key. A line such as "# ribs: 5" shows a default: remove the # and enter your
+# own value. `beltid config check FILE` checks this file, `beltid config show --all -c FILE` shows
+# all keys with their values, including the sections friction, simulation, drive and plan, and
+# columns, units and dialect for files in another format.
+"""
+SECTIONS: Final = (
+    *("belt", "press", "rig", "conditions", "contact", "data"),
+    *("compare", "compare_drive", "uncertainty"),
+)
+"""Sections of a new config, in its order."""
 
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
@@ -53,38 +69,39 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
         raise ConfigError(
             f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
         )
-    path = Path(source)
-    return _with_paths_from(_checked(read_source(path)), path.parent)
+    config, folder = _checked(read_source(Path(source))), Path(source).parent
+    data = config.data.model_copy(
+        update={kind: _shorten(folder / path) for kind, path in config.data.files.items()}
+    )
+    runs = {
+        kind: {**config.runs[kind], "table": _shorten(folder / table)}
+        for kind, table in config.run_tables.items()
+    }
+    return config.model_copy(update={"data": data, "runs": config.runs | runs})
 
 
 def _checked(source: Source) -> Config:
     """Validate the values of a source; raise all problems, in the order of the file."""
     # an empty section, such as `compare:` with all keys commented out, means its defaults
-    values = {
-        key: value
-        for key, value in source.values.items()
-        if value is not None or key not in Config.model_fields
-    }
-    problems: list[tuple[Place, str]] = []
     try:
-        return Config.model_validate(values)
+        return Config.model_validate(
+            {
+                key: value
+                for key, value in source.values.items()
+                if value is not None or key not in Config.model_fields
+            }
+        )
     except ValidationError as error:
-        for detail in error.errors(include_url=False):
-            place = source.place(detail["loc"], key=detail["type"] in UNKNOWN)
-            problems.append((place, message(detail, Config, source.node(detail["loc"]))))
+        problems = [
+            (
+                source.place(detail["loc"], key=detail["type"] in UNKNOWN),
+                message(detail, Config, source.node(detail["loc"])),
+            )
+            for detail in error.errors(include_url=False)
+        ]
     lines = [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
     hidden = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
     raise ConfigError([*lines[:SHOWN], *hidden])
-
-
-def _with_paths_from(config: Config, folder: Path) -> Config:
-    files = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
-    runs = {
-        kind: {**config.runs[kind], "table": _shorten(folder / table)}
-        for kind, table in config.run_tables.items()
-    }
-    data = config.data.model_copy(update=files)
-    return config.model_copy(update={"data": data, "runs": config.runs | runs})
 
 
 def _shorten(path: Path) -> Path:
@@ -117,14 +134,17 @@ def find_config(
     is wrong, the ConfigError says how it was found.
     """
     if explicit is not None:
-        path = Path(explicit)
-        return ConfigSource(load_config(path), f"{path} (--config)", path)
+        return ConfigSource(load_config(explicit), f"{explicit} (--config)", Path(explicit))
     if (named := named_by_environment()) is not None:
         return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
-    for candidate in _candidates(recording_path) if recording_path is not None else ():
-        if os.path.isfile(candidate):  # False, too, in a folder that may not be read
-            return _load_found(candidate, f"found for {Path(str(recording_path)).name}")
-    return ConfigSource(Config(), BUILT_IN)
+    if recording_path is not None:
+        recording = Path(os.path.abspath(recording_path))
+        stem = Path(recording.name.removesuffix(".gz")).stem
+        for folder in recording.parents:
+            for candidate in (folder / f"{stem}.yaml", folder / "beltid.yaml"):
+                if os.path.isfile(candidate):  # False, too, in a folder that may not be read
+                    return _load_found(candidate, f"found for {Path(recording_path).name}")
+    return ConfigSource(Config(), "the built-in 5PK rig of the paper")
 
 
 def named_by_environment() -> Path | None:
@@ -137,15 +157,9 @@ def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
-        told = f"{path}: this config was {how}, --config names another"
-        raise ConfigError([*error.problems, told]) from None
-
-
-def _candidates(recording_path: str | Path) -> Iterator[Path]:
-    recording = Path(os.path.abspath(recording_path))
-    stem = Path(recording.name.removesuffix(".gz")).stem
-    for folder in recording.parents:
-        yield from (folder / f"{stem}.yaml", folder / FILE_NAME)
+        raise ConfigError(
+            [*error.problems, f"{path}: this config was {how}, --config names another"]
+        ) from None
 
 
 def effective_values(
@@ -167,34 +181,27 @@ def message(detail: Mapping[str, Any], model: type[Section], node: Any = None) -
     if kind in UNKNOWN:
         known = detail.get("ctx", {}).get("known") or _keys_at(path[:-1], model)
         return f"{format_path(path)} is not a known key{_remedy(path, known, model)}"
-    if kind == "missing":
-        return f"{format_path(path)} is missing"
-    found = f"{format_path(path)} = {_found(detail['input'], node)}"
     if kind in ("model_type", "model_attributes_type"):
-        return f"{found}, must be a section with the keys {', '.join(_keys_at(path, model))}"
-    return f"{found}, {requirement(detail)}"
+        keys = ", ".join(_keys_at(path, model))
+        detail = {**detail, "msg": f"must be a section with the keys {keys}"}
+    return problem(detail, path, _found(detail["input"], node))
 
 
-def requirement(detail: Mapping[str, Any]) -> str:
-    """Return what a value must be, such as ``must be last or first``, from a pydantic error."""
-    if detail["type"] == "literal_error":
-        return "must be " + str(detail["ctx"]["expected"]).replace("'", "")
-    return str(detail["msg"]).replace("Input should be", "must be")
-
-
-def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
-    """Describe a pydantic error in a generated file: place, found, allowed."""
+def problem(detail: Mapping[str, Any], place: KeyPath, found: str) -> str:
+    """Describe a pydantic error: place, found, and what is allowed, ``must be last or first``."""
     if detail["type"] == "missing":
         return f"{format_path(place)} is missing"
-    return f"{format_path(place)} = {repr(detail['input'])[:60]}, {requirement(detail)}"
+    allowed = str(detail["msg"]).replace("Input should be", "must be")
+    if detail["type"] == "literal_error":
+        allowed = "must be " + str(detail["ctx"]["expected"]).replace("'", "")
+    return f"{format_path(place)} = {found}, {allowed}"
 
 
 def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
     """Name the nearest known key, or that of another section, or all known keys."""
     word = str(path[-1])
-    near = difflib.get_close_matches(word, known, n=1)
-    near += [f"{name}.{word}" for name in model.model_fields if word in _keys_at((name,), model)]
-    if near:
+    others = [f"{name}.{word}" for name in model.model_fields if word in _keys_at((name,), model)]
+    if near := [*difflib.get_close_matches(word, known, n=1), *others]:
         return f", did you mean {near[0]}?"
     if word.isdigit() and path[:-1]:  # {span_length_m: 0,10} reads as a key 10
         return " (the decimal sign is a point)"
@@ -202,7 +209,6 @@ def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
 
 
 def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:
-    """Return the keys of the section at a path."""
     here: type[Section] | None = model
     for part in path:
         if isinstance(part, str) and here is not None:
@@ -216,6 +222,166 @@ def _found(value: Any, node: Any) -> str:
         return "a section" if isinstance(value, Mapping) else "a list"
     if value is None:
         return "empty"
-    text = f'"{value}"' if isinstance(value, str) else str(node.value if node else value)
-    text = "".join(c if c.isprintable() else "?" for c in text)
+    written = f'"{value}"' if isinstance(value, str) else str(node.value if node else value)
+    text = "".join(c if c.isprintable() else "?" for c in written)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def format_path(path: KeyPath) -> str:
+    """Format a key path as a person writes it: ``rig.arcs_deg[1]``."""
+    return "".join(
+        f"[{part}]" if isinstance(part, int) else f".{part}" for part in path
+    ).removeprefix(".")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Values of a config, the name of its file, and its YAML, whose nodes know their places."""
+
+    values: Any
+    name: str = ""
+    root: Any = None
+
+    def node(self, path: KeyPath, *, key: bool = False) -> Any:
+        """Return the YAML node of a value (or key); if it is absent, that of its section."""
+        node = self.root
+        for depth, part in enumerate(path, 1):
+            if not (found := [of for name, *of in _items(node) if str(name) == str(part)]):
+                break
+            node = found[0][not (key and depth == len(path))]
+        return node
+
+    def place(self, path: KeyPath, *, key: bool = False) -> Place:
+        """Return the place of a value (or key); if it is absent, that of its section."""
+        node = self.node(path, key=key)
+        return _place(node.start_mark) if node else (0, 0)
+
+    def at(self, place: Place) -> str:
+        """Return ``file:line:column: ``, as far as known."""
+        where = f":{place[0]}:{place[1]}" if place[0] else ""
+        return f"{self.name}{where}: " if self.name else ""
+
+
+def read_source(path: Path) -> Source:
+    """Read a YAML file; what is no YAML, or holds no sections, is a ConfigError with its place."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1).removeprefix(codecs.BOM_UTF8)
+        text = raw.decode()
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: there is no such config file") from None
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ConfigError(
+            f"{path}:{line}: byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
+    if len(raw) > MAX_BYTES:
+        raise ConfigError(f"{path}: larger than {MAX_BYTES:,} bytes, this is not a config")
+    source = _parsed(text, str(path))
+    if not isinstance(source.values, Mapping):
+        what = "list" if isinstance(source.values, list) else "single value"
+        found = ": the config is empty" if source.values is None else f":1:1: found a {what}"
+        raise ConfigError(f"{path}{found}, it must hold sections such as belt:, rig:")
+    return source
+
+
+def _parsed(text: str, name: str) -> Source:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError
+
+    yaml, root, place = YAML(typ="safe", pure=True), None, name
+    try:
+        root = yaml.compose(text)
+        return Source(root and yaml.constructor.construct_document(root), name, root)
+    except MarkedYAMLError as error:
+        if mark := error.problem_mark or error.context_mark:
+            place = "{}:{}:{}".format(name, *_place(mark))
+        found = str(error.problem)
+        plainly = {
+            "found duplicate key": f"{found.partition(' with value')[0]}, must be given once",
+            "'\\t'": "a tab, indent with blanks",
+            "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
+            "text in quotes?)",
+        }
+        reason = next((text for words, text in plainly.items() if words in found), found)
+    except Exception as error:  # malformed characters, escapes and numbers raise almost any error
+        reason = str(error).partition("\n")[0][:200]
+    raise ConfigError(f"{place}: not valid YAML: {reason}")
+
+
+def _items(node: Any) -> list[tuple[str | int, Any, Any]]:
+    """Return name, node of the key and of the value of each item of a section or list."""
+    if node is None or node.id == "scalar":
+        return []
+    if node.id == "sequence":
+        return [(i, item, item) for i, item in enumerate(node.value)]
+    return [(str(key.value), key, value) for key, value in node.value]
+
+
+def _place(mark: Any) -> Place:
+    return mark.line + 1, mark.column + 1
+
+
+def config_text(config: Config, *, complete: bool = True) -> str:
+    """Write a config, or only what it states, as YAML that `load_config` reads as equal."""
+    shown = {path: "" for path, _, stated in effective_values(config) if complete or stated}
+    return _text(config, shown) if shown else "{}  # nothing is stated\n"
+
+
+def template_text(config: Config, sources: Mapping[str, str]) -> str:
+    """Write a config for a new belt: what is stated, with its source; the rest commented out.
+
+    What is commented out stays a default: an uncertainty that is not stated is an assumption.
+    """
+    values = [item for item in effective_values(config) if item[0][0] in SECTIONS]
+    shown = {path: sources.get(format_path(path)) for path, _, _ in values}
+    files = {kind: str(path) for kind, path in config.data.files.items()}  # as the user names them
+    config = config.model_copy(update={"data": config.data.model_copy(update=files)})
+    return f"{HEAD.format(name=config.belt.name)}\n{_text(config, shown)}"
+
+
+def _text(config: Config, shown: Mapping[KeyPath, str | None]) -> str:
+    """Write some keys, each with a note; keys without one are commented out."""
+    sections = [_lines({name: value}, shown, ()) for name, value in config]
+    return "\n\n".join("\n".join(lines) for section in sections if (lines := list(section))) + "\n"
+
+
+def _lines(
+    values: Section | Mapping[str, Any], shown: Mapping[KeyPath, str | None], above: KeyPath
+) -> Iterator[str]:
+    indent = "  " * len(above)
+    for name, value in dict(values).items():
+        path = (*above, name)
+        if path in shown:
+            of, notes = type(values), [shown[path]]
+            if issubclass(of, Section):
+                notes = [of.model_fields[name].description, allowed(of, name), *notes]
+            line = f"{indent}{'# ' if shown[path] is None else ''}{name}: {value_text(value)}"
+            yield _line(line, "; ".join(filter(None, notes)))
+        elif isinstance(value, (Section, dict)):
+            inside = list(_lines(value, shown, path))
+            title = str(value.__doc__).splitlines()[0] if isinstance(value, Section) else ""
+            yield from [_line(f"{indent}{name}:", title), *inside] if inside else ()
+
+
+def _line(text: str, comment: str) -> str:
+    return f"{text:<43} # {comment}" if comment else text
+
+
+def value_text(value: Any) -> str:
+    """Format a value as YAML text."""
+    if isinstance(value, (Section, dict)):
+        items = (f"{value_text(name)}: {value_text(item)}" for name, item in dict(value).items())
+        return "{" + ", ".join(items) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    if isinstance(value, Path):
+        value = os.path.abspath(value)  # the text may be saved in any folder
+    if isinstance(value, str) and re.fullmatch(r"[A-Za-z/][\w./-]*", value, re.ASCII):
+        return value if value.lower() not in ("null", "true", "false") else f'"{value}"'
+    text = json.dumps(value, ensure_ascii=False)
+    # 1e-05 is a number only in YAML 1.2; with a point it is one for every reader
+    return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text

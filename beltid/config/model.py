@@ -17,11 +17,10 @@ from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
-from beltid.config.checks import Section, count, key, number, settings
+from beltid.config.checks import Section, key, number, settings
 from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
 Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
@@ -51,7 +50,7 @@ class BeltSection(Section):
 
     name: str = key("5pk", "names the folder of the results", checks.folder_name)
     type: str = key("5PK", "designation; 5PK: five ribs of the profile PK", checks.plain_words)
-    ribs: int = count(5, 1, 100, "number of ribs")
+    ribs: int = number(5, 1, 100, "", "number of ribs", whole=True)
     axial_stiffness_N: float = number(1e5, 1e2, 1e8, "N", "EA, from a tensile test")
     bending_stiffness_N_m2: float = number(0.02, 1e-8, 1e2, "N m²", "EI; biases the rig's mu")
     mass_per_length_kg_m: float = number(0.1, 1e-4, 1e2, "kg/m", "matters only in motion")
@@ -73,7 +72,9 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    holds: Holds | None = key(None, "what stays while the pulley turns; null: by the channels")
+    holds: Literal["stretch", "weight_tight", "weight_slack", "hub_force"] | None = key(
+        None, "what stays while the pulley turns; null: by the channels"
+    )
     weight_N: float | None = number(None, 0, 1e5, "N", "dead weight of all runs; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
     pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
@@ -125,7 +126,7 @@ class ContactSection(Section):
     """Contact of the simulated rig; no bench measures these."""
 
     damping_N_s_m: float = number(300.0, 0, 1e7, "N s/m", "C_P; sliding does not depend on it")
-    points_per_element: int = count(9, 1, 9, "contact points per belt element")
+    points_per_element: int = number(9, 1, 9, "", "contact points per belt element", whole=True)
 
 
 class DataSection(Section):
@@ -139,8 +140,7 @@ class DataSection(Section):
     @property
     def files(self) -> dict[str, Path]:
         """Paths of the stated recordings, by kind."""
-        paths = {"press": self.press, "rig": self.rig, "speedloss": self.speedloss}
-        return {kind: path for kind, path in paths.items() if path is not None}
+        return {kind: path for kind in KINDS if (path := getattr(self, kind)) is not None}
 
 
 class CompareSection(Section):
@@ -205,7 +205,9 @@ class SimulationSection(Section):
     """Simulation of the rig."""
 
     method: Literal["transient", "steady"] = key("transient", "through time, or sliding alone")
-    elements: int | None = count(None, 4, 2000, "of the belt; null: as many as needed", even=True)
+    elements: int | None = number(
+        None, 4, 2000, "", "of the belt; null: as many as needed", whole=True, even=True
+    )
     friction_solver: Literal["newton", "lemke"] = key("newton", "of each time step")
     sticking_ratio: float = number(1.0, 1, 5, "", "static over slowest measured sliding friction")
 
@@ -308,7 +310,7 @@ class DialectSection(Section):
     decimal: Literal[".", ","] | None = key(None, "decimal sign")
     thousands: Literal[".", ",", "'", " "] | None = key(None, "sign between thousands")
     encoding: str | None = key(None, "such as utf-8 or cp1252", checks.text_encoding)
-    skip_lines: int = count(0, 0, 10_000, "lines before the table")
+    skip_lines: int = number(0, 0, 10_000, "", "lines before the table", whole=True)
     names: tuple[str, ...] | None = key(
         None,
         "of the columns of a file without a header",
@@ -339,8 +341,7 @@ def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks
     found = {}
     for kind in KINDS:
         columns = (*(table("points").columns if kind == "rig" else ()), *table(kind).columns)
-        known = {column.name: check(column) for column in columns}
-        found[kind] = checks.Keys({name: of for name, of in known.items() if of})
+        found[kind] = checks.Keys({c.name: of for c in columns if (of := check(c))})
     return found
 
 
@@ -406,8 +407,10 @@ class Config(Section):
 
     def belt_params(self) -> params.Belt:
         """Return the section properties of the belt."""
-        stiffness = self.belt.axial_stiffness_N, self.belt.bending_stiffness_N_m2
-        return params.Belt(*stiffness, self.belt.mass_per_length_kg_m, self.belt.damping_time_s)
+        b = self.belt
+        return params.Belt(
+            b.axial_stiffness_N, b.bending_stiffness_N_m2, b.mass_per_length_kg_m, b.damping_time_s
+        )
 
     def rig_params(self) -> params.Rig:
         """Return the geometry of the rig."""
@@ -416,12 +419,19 @@ class Config(Section):
 
     def contact_params(self) -> params.Contact:
         """Return the settings of the contact."""
-        ratio = self.simulation.sticking_ratio
-        return params.Contact(self.contact.damping_N_s_m, self.contact.points_per_element, ratio)
+        return params.Contact(
+            self.contact.damping_N_s_m,
+            self.contact.points_per_element,
+            self.simulation.sticking_ratio,
+        )
 
     @property
     def sha256(self) -> str:
         """SHA-256 of all that can change a result, independent of the formatting of the file."""
-        values = self.model_dump(mode="json", exclude={"data"})
-        text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        text = json.dumps(
+            self.model_dump(mode="json", exclude={"data"}),
+            sort_keys=True,
+            separators=(",", ":"),
+            allow_nan=False,
+        )
         return hashlib.sha256(text.encode()).hexdigest()

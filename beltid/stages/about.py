@@ -12,8 +12,7 @@ from typing import Final
 
 from beltid.bench.files import sources_of
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import effective_values
-from beltid.config.source import KeyPath, format_path, read_source
+from beltid.config.loading import KeyPath, effective_values, format_path, read_source
 from beltid.errors import ConfigError, InputError
 from beltid.report.summary import Summary
 from beltid.store.artifact import plain, read_artifact
@@ -137,10 +136,9 @@ def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False
     from beltid.report.view import shown_of
 
     artifact, figures = read_artifact(path), tuple(f".{kind}" for kind in NO_DATES)
-    ending = "" if out is None else out.suffix.lower()
+    ending, endings = "" if out is None else out.suffix.lower(), (TABLE, *figures)
     if out is not None:
-        inputs = {"artifact that is shown": path}
-        check_place(out, (TABLE, *figures), inputs=inputs, force=force)
+        check_place(out, endings, inputs={"artifact that is shown": path}, force=force)
     if name is not None and ending in ("", TABLE):
         raise InputError(
             f"--figure = {name}: needs --out, a file that ends in {', '.join(figures)}"
@@ -149,13 +147,11 @@ def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False
     if out is None:
         return shown_of(artifact, [(picture.key, picture.title) for picture in pictures])
     if ending == TABLE:
-        data = csv_bytes(artifact.columns, artifact.origin)
+        write_bytes(out, csv_bytes(artifact.columns, artifact.origin))
+    elif chosen := [picture.figure for picture in pictures if name in (None, picture.key)]:
+        write_bytes(out, saved(chosen[0], ending[1:]))
     else:
-        by_name = {picture.key: picture for picture in pictures}
-        if not by_name or name not in (None, *by_name):
-            wrong = f"--figure = {name}, must be one of: {', '.join(by_name)}"
-            raise InputError(f"{path}: {wrong if by_name else 'nothing to draw'}")
-        chosen = by_name[name] if name else pictures[0]
-        data = saved(chosen.figure, ending[1:])
-    write_bytes(out, data)
+        keys = ", ".join(picture.key for picture in pictures)
+        wrong = f"--figure = {name}, must be one of: {keys}" if keys else "nothing to draw"
+        raise InputError(f"{path}: {wrong}")
     return Summary("show", "", out, origin=artifact.origin)

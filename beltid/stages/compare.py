@@ -10,7 +10,7 @@ surface of the others, whose uncertainty becomes that of the prediction, as in `
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -56,47 +56,41 @@ from beltid.uncertainty.simulated import (
     simulated_uncertainty,
     validated,
 )
-from beltid.uncertainty.sources import (
-    ARC,
-    BETWEEN_SPEEDS,
-    reduction_sources,
-    with_sources,
-)
+from beltid.uncertainty.sources import ARC, BETWEEN_SPEEDS, reduction_sources, with_sources
 
 SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
 COMPARED: Final = (*SETTINGS, "mu_sliding")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
 ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
 MIN_SHARE_COMPARED: Final = 0.5  # share of compared runs below which the campaign fails
-PARTS: Final = ("loss_creep_rad_s", "loss_seating_rad_s", "loss_slip_rad_s")
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
     """Compare run by run; the simulated runs are a recording, reduced runs, or a campaign."""
-    measured = friction_columns(friction, COMPARED)
-    stored = isinstance(simulated, Artifact)
-    uncertainty = runs_uncertainty_of(simulated.facts) if stored else None
-    return agreement(measured, _reduced(simulated, friction, config), config, uncertainty)
+    return agreement(
+        friction_columns(friction, COMPARED),
+        _reduced(simulated, friction, config),
+        config,
+        runs_uncertainty_of(simulated.facts) if isinstance(simulated, Artifact) else None,
+    )
 
 
 def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     """Return the simulated runs, reduced like the measured ones."""
     if isinstance(friction, Artifact) and "rig" in friction.record.settings:
-        radius = float(friction.record.settings["rig"]["pulley_radius_m"])
-        rig = config.rig.model_copy(update={"pulley_radius_m": radius})
-        config = config.model_copy(update={"rig": rig})
+        radius = {"pulley_radius_m": float(friction.record.settings["rig"]["pulley_radius_m"])}
+        config = config.model_copy(update={"rig": config.rig.model_copy(update=radius)})
     if isinstance(simulated, Recording):  # of a second bench
         return reduction_columns(reduce_rig(simulated, config))
-    frame = simulated
-    if isinstance(simulated, (Outcome, Artifact)):
-        if simulated.kind != "simulated":
-            return friction_columns(simulated, COMPARED, "simulated")
-        frame = simulated.columns
+    is_result = isinstance(simulated, (Outcome, Artifact))
+    if is_result and simulated.kind != "simulated":
+        return friction_columns(simulated, COMPARED, "simulated")
+    frame = simulated.columns if is_result else simulated
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        recording = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
-        return reduction_columns(reduce_rig(recording, config))
+        simulated = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
+        return reduction_columns(reduce_rig(simulated, config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {name: np.asarray(frame[name]) for name in names}
         frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
@@ -112,15 +106,19 @@ def agreement(
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
-    points = compare_points(measured, simulated, tolerances)
-    result, columns, budget, facts, notes = validated(points, measured, simulated, uncertainty)
+    result, columns, budget, facts, notes = validated(
+        compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
+    )
     n = len(result.columns["run"])
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
     if result.share_compared < ENOUGH:
-        few = f"only {n} of {result.n_usable} measured runs were compared"
-        warnings.insert(0, f"{few}: the verdict holds for these only")
+        warnings.insert(
+            0,
+            f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "
+            "these only",
+        )
     return Outcome(
         result.columns | columns | {"status": np.full(n, OK, dtype=object)},
         result,
@@ -166,73 +164,79 @@ def predicted_runs(
     log.info("every %s left out once and predicted", by)
     press = press_law(law, config)
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
-    calls = [(columns, press, config, fold) for fold in folds(columns, usable, by)]
-    predicted = workers.run(predict, calls)
-    rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
+    left_out = folds(columns, usable, by)
+    predicted = workers.run(predict, [(columns, press, config, fold) for fold in left_out])
+    rows = np.concatenate([fold.left_out for fold in left_out])
     measured = {name: values[rows] for name, values in columns.items()}
     # both sides are of one bench and have the same settings: its errors are none of the difference,
     # unlike effects and an interpolation, which the predicted runs have for themselves
     uncertainty = RunsUncertainty.joined([fold.part for fold in predicted], measured["run"])
     simulated = {**{name: measured[name] for name in SETTINGS}, "mu_sliding": uncertainty.mu}
     outcome = agreement(measured, simulated, config, uncertainty)
-    groups = [*outcome.tables["groups"]]
+    groups, notes = [*outcome.tables["groups"]], [*outcome.notes]
     if by == "speed":
-        ends = np.cumsum([prediction.fold.left_out.size for prediction in predicted])[:-1]
-        names = ("relative_difference", "normal_force_N_m")
-        parts = (np.split(outcome.result.columns[name], ends) for name in names)
-        for prediction, *of_fold in zip(predicted, *parts, strict=True):
-            groups.append(statistics(prediction.fold.name, *of_fold))
+        found, ends = outcome.result.columns, np.cumsum([fold.left_out.size for fold in left_out])
+        for fold, end in zip(left_out, ends, strict=True):
+            of_fold = slice(end - fold.left_out.size, end)
+            difference = found["relative_difference"][of_fold]
+            groups.append(statistics(fold.name, difference, found["normal_force_N_m"][of_fold]))
+    elif not all(any(s.error == ARC for s in p.part.sources) for p in predicted):
+        notes.insert(
+            0, "a single arc was left: the uncertainty does not include how much arcs differ"
+        )
+    if beyond := sum(prediction.beyond for prediction in predicted):
+        notes.insert(
+            0,
+            f"nearest value used: {beyond} of {rows.size} runs have a mean force that no other has",
+        )
     return replace(
         outcome,
         facts={"hold_out": by, **outcome.facts},
         tables={**outcome.tables, "groups": groups},
-        notes=(*_notes(predicted, by), *outcome.notes),
+        notes=tuple(notes),
         warnings=(*outcome.warnings, *(line for p in predicted for line in p.warnings)),
     )
-
-
-def _notes(predicted: Sequence[Predicted], by: str) -> Iterator[str]:
-    if beyond := sum(prediction.beyond for prediction in predicted):
-        n = sum(prediction.fold.left_out.size for prediction in predicted)
-        yield f"nearest value used: {beyond} of {n} runs have a mean force that no other has"
-    knows_arcs = all(any(s.error == ARC for s in p.part.sources) for p in predicted)
-    if by == "arc" and not knows_arcs:
-        yield "a single arc was left: the uncertainty does not include how much arcs differ"
 
 
 def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Predicted:
     """Refine the surface from the remaining runs and simulate the runs left out."""
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, {})
-    reference = reference_temperature(config, campaign)
-    shared = reduction_sources(campaign.measured.columns)
-    solution = refine_surface(campaign, speeds, shared, reference)
+    rig, rest = campaign.bench.rig, campaign.measured
+    solution = refine_surface(
+        campaign, speeds, reduction_sources(rest.columns), reference_temperature(config, campaign)
+    )
     surface = with_covariance(solution)
-    rig, kind = campaign.bench.rig, campaign.measured.kind
-    measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
-    arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
-    n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
+    measured = measured_runs(columns, fold.left_out, rig.R, rest.kind, rig.given_force)
+    arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], rest.arcs_deg)
     # an unseen arc has its own effect, with the same variance as the others
+    places = range(int(max(arcs.max(), rest.arc.max())) + 1)
     arc_sources = [source for source in solution.uncertainty.sources if source.error == ARC][:1]
-    of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
+    of_arcs = [replace(source, place=k) for source in arc_sources for k in places]
     sources = with_sources(solution.uncertainty.sources, of_arcs)
-    of_fold = replace(campaign, measured=replace(measured, arc=arcs))
-    of_fold = replace(of_fold, bench=replace(campaign.bench, surface=surface))
+    of_fold = replace(
+        campaign,
+        measured=replace(measured, arc=arcs),
+        bench=replace(campaign.bench, surface=surface),
+    )
     part = simulated_uncertainty(of_fold, sources, same_bench=True)
     if fold.by == "speed":
-        log_mu = np.log(surface.mu_nodes).mean(axis=0)
-        measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
-        missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
+        missed = between_speeds(
+            np.log(surface.slip_speed_m_s),
+            np.log(surface.mu_nodes).mean(axis=0),
+            np.log(measured.slip_speed),
+            SPEED_BEND**2,
+        )[:, None]
         part = replace(
             part,
             sources=(*sources, replace(BETWEEN_SPEEDS, place=int(fold.left_out[0]))),
             simulated=np.hstack([part.simulated, missed]),
             difference=np.hstack([part.difference, missed]),
         )
-    force, left_out = campaign.measured.normal_force, columns["normal_force_N_m"][fold.left_out]
-    beyond = int(np.count_nonzero((left_out < force.min()) | (left_out > force.max())))
+    force, left_out = rest.normal_force, columns["normal_force_N_m"][fold.left_out]
+    beyond = np.count_nonzero((left_out < force.min()) | (left_out > force.max()))
     warnings = tuple(f"without {fold.name}: {line}" for line in solution.warnings)
-    return Predicted(fold, part, beyond, warnings)
+    return Predicted(fold, part, int(beyond), warnings)
 
 
 def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, Any]]:
@@ -240,24 +244,25 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, 
     measured, table = slip.columns, _predicted(slip, drive)
     at_idle = table["speed_rad_s"].abs() + table["speed_loss_rad_s"]
     ratio = table["driver_speed_rad_s"].abs() / at_idle.where(at_idle > 0.0)
-    names = {"speed_loss_rad_s": "loss_predicted_rad_s", "speed_loss_u_rad_s": "u_input_rad_s"}
-    predicted = {
-        names.get(name, name): (table[name] * ratio).to_numpy() for name in (*names, *PARTS)
-    }
     loss = measured["speed_loss_rad_s"]
     # Eq. (7): the standard error of the loss is that of the sliding speed over R
     radius = np.nanmedian(measured["slip_speed_m_s"][loss != 0.0] / loss[loss != 0.0])
-    settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     points = {
-        **{name: measured[name] for name in settings},
-        **predicted,
+        **{name: measured[name] for name in ("run", "driver_speed_rad_s", "initial_tension_N")},
+        "torque_N_m": measured["torque_N_m"],
+        "loss_predicted_rad_s": (table["speed_loss_rad_s"] * ratio).to_numpy(),
+        "u_input_rad_s": (table["speed_loss_u_rad_s"] * ratio).to_numpy(),
+        **{
+            f"loss_{part}_rad_s": (table[f"loss_{part}_rad_s"] * ratio).to_numpy()
+            for part in ("creep", "seating", "slip")
+        },
         "loss_measured_rad_s": loss,
         "u_measured_rad_s": measured["slip_speed_se_m_s"] / radius,
         "arc_share": table["arc_share"].to_numpy(),
     }
-    section, usable = config.compare_drive, measured["status"] == OK
+    allowed = config.compare_drive.max_rms_relative_error
     columns, facts, passed = compare_losses(
-        points, usable, section.max_rms_relative_error, section.min_torque_share
+        points, measured["status"] == OK, allowed, config.compare_drive.min_torque_share
     )
     judged, of_prediction = columns["judged"], table["status"].fillna("no steady state")
     status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
@@ -273,7 +278,7 @@ def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, 
             if why != OK
         ],
         notes=tuple(_statements(facts)),
-        verdict=_verdict(facts, passed, 100.0 * section.max_rms_relative_error),
+        verdict=_verdict(facts, passed, 100.0 * allowed),
         passed=passed,
     )
 
@@ -282,14 +287,16 @@ def _predicted(slip: Any, drive: Any) -> pd.DataFrame:
     """Return the rows of the loaded pulley for the measured runs, missing if not predicted."""
     loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
-        remedy = "predict those of the recording with beltid simulate-drive --from"
-        raise InputError(f"{name}: its points do not come from a recording; {remedy}")
+        raise InputError(
+            f"{name}: its points do not come from a recording; predict those of the recording with "
+            "beltid simulate-drive --from"
+        )
     table, runs = pd.DataFrame(drive.columns), slip.columns["run"]
-    # that of the arc that slides most, over all pulleys
-    shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
     rows = table[table["pulley"] == loaded].set_index("run")
     if not rows.index.isin(runs).any():
         raise InputError(f"{name}: has none of the runs of {getattr(slip, 'path', 'slip')}")
+    # that of the arc that slides most, over all pulleys
+    shares = (table["arc_used_deg"] / table["wrap_deg"]).groupby(table["run"]).max()
     return rows.reindex(runs).assign(arc_share=shares)
 
 
@@ -306,11 +313,9 @@ def _statements(facts: Mapping[str, Any]) -> Iterator[str]:
     """State what the recording tests and what it does not test."""
     sliding, sizes = facts["largest_arc_share"], facts["prominence"]
     share = f"{100.0 * sliding:.0f} % of an arc slides"
-    seen, unseen = list[str](), list[str]()
-    for name, size in sizes.items():
-        of = seen if size > RESOLVED else unseen
-        of.append(f"{name} ({size:.1f} standard uncertainties)")
-    more = f"; too small to be seen in it: {', '.join(unseen)}" if unseen else ""
+    words = {name: f"{name} ({size:.1f} standard uncertainties)" for name, size in sizes.items()}
+    seen = [words.pop(name) for name, size in sizes.items() if size > RESOLVED]
+    more = f"; too small to be seen in it: {', '.join(words.values())}" if words else ""
     yield f"parts of the loss that this recording can test: {', '.join(seen) or 'none'}{more}"
     if sliding <= MOST_OF_ARC:
         yield f"friction is not tested: at most {share}"

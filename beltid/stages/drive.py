@@ -6,7 +6,8 @@ Its operating points come from the config or from a speed-loss recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +30,7 @@ from beltid.stages.inputs import (
     span,
     standard_uncertainties,
     surface_from,
+    that_hold,
 )
 from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.sources import DRIVE, PRESS, budget, stated_sources
@@ -49,20 +51,24 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
     points = points_of_config(config) if slip is None else points_of_slip(config, slip.columns)
     log.info("%d operating points, %s", len(points), section.method)
     drive = drive_of(config, friction, press.law)
-    at_rest = Simulator(drive).at_rest
-    stated = [*_of_config(config, drive, min(at_rest(p).T_0 for p in points.values()))]
+    least = min(Simulator(drive).at_rest(point).T_0 for point in points.values())
+    stated = _of_config(config, drive, least)
     simulator = Simulator(drive, section.method)
     good, failed = _solved(simulator, points)
     # the most loaded point: of those with a steady state, if there is any
     steady = [run for run, result in good.items() if set(result.status) <= {ADHESION, FULL_SLIP}]
     heaviest = max(steady or good, key=lambda run: good[run].load)
-    given, n_pulleys = standard_uncertainties(config), len(drive.pulleys)
-    sources = stated_sources(given, (DRIVE, PRESS), n_pulleys=n_pulleys)
-    at, results = [points[run] for run in good], list(good.values())
-    uncertainty = drive_uncertainty(drive, at, results, press, sources)
+    uncertainty = drive_uncertainty(
+        drive,
+        [points[run] for run in good],
+        list(good.values()),
+        press,
+        stated_sources(
+            standard_uncertainties(config), (DRIVE, PRESS), n_pulleys=len(drive.pulleys)
+        ),
+    )
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
-    statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
-    of_string = [run for run, is_so in zip(good, uncertainty.by_string, strict=True) if is_so]
+    statuses = zip(*np.unique(columns["status"].astype(str), return_counts=True), strict=True)
     return Outcome(
         columns,
         good,
@@ -72,20 +78,20 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Resu
             "points_failed": len(failed),
             "largest_speed_loss_rad_s": (span(columns["speed_loss_rad_s"]) or (None, None))[1],
             "largest_hub_force_N": (span(columns["hub_force_N"]) or (None, None))[1],
-            "pulleys_by_status": ", ".join(
-                f"{n} {name}" for name, n in zip(statuses, counts, strict=True)
-            ),
+            "pulleys_by_status": ", ".join(f"{n} {name}" for name, n in statuses),
             "loaded_pulley": None if slip is None else load_pulley(section),
         },
         tables={
             "slip_limits": _limits(simulator, points, good),
-            "laid": _layout_rows(drive, next(iter(good.values()))),
+            "laid": _layout_rows(drive, next(iter(good.values())).rest.arm_angle),
             "installed": _installed(section, drive, points[heaviest]),
             "budget": _budget(columns["speed_loss_rad_s"], uncertainty),
         },
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
         set_aside=[{"run": run, "why": "; ".join(e.problems)} for run, e in failed.items()],
-        notes=tuple(_notes(columns, drive, section.method, of_string)),
+        notes=tuple(
+            _notes(columns, drive, section.method, list(compress(good, uncertainty.by_string)))
+        ),
         warnings=(
             *stated,
             *(f"point {run}: {error}" for run, error in failed.items()),
@@ -100,17 +106,19 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     section = config.drive
     names = [pulley.name for pulley in section.pulleys]
     _check_names(section, names)
-    driven = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
-    drags = [0.0 if of in {*driven, section.driving} else section.idler_torque_N_m for of in names]
-    pulleys = tuple(
-        Pulley(p.name, p.x_m, p.y_m, p.radius_m, p.side == "rib", drag)
-        for p, drag in zip(section.pulleys, drags, strict=True)
-    )
+    points = section.operating_points
+    no_idlers = {*points.torque_N_m, *points.power_W, section.driving}
     return Drive(
         config.belt_params(),
         law,
         surface,
-        pulleys,
+        tuple(
+            Pulley(
+                *(p.name, p.x_m, p.y_m, p.radius_m, p.side == "rib"),
+                0.0 if p.name in no_idlers else section.idler_torque_N_m,
+            )
+            for p in section.pulleys
+        ),
         names.index(section.driving),
         section.installation,
         _tensioner(section, names),
@@ -133,8 +141,9 @@ def _check_names(section: DriveSection, names: Sequence[str]) -> None:
         for name in references
         if name not in names
     ]
-    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
-    problems += [f"drive.pulleys: {name} is named twice" for name in twice]
+    problems += dict.fromkeys(
+        f"drive.pulleys: {name} is named twice" for name in names if names.count(name) > 1
+    )
     if (section.tensioner is not None) != (section.installation == "tensioner"):
         problems.append(
             "drive.tensioner: must be stated with installation: tensioner, and only then"
@@ -149,12 +158,14 @@ def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
     arm = section.tensioner.si()
     free, stops = arm["free_angle_rad"], (-math.inf, math.inf)
     if arm["stops_rad"] is not None:
-        angles = (stop - free for stop in arm["stops_rad"])
-        low, high = sorted(free + math.remainder(angle, 2.0 * math.pi) for angle in angles)
+        low, high = sorted(
+            free + math.remainder(stop - free, 2.0 * math.pi) for stop in arm["stops_rad"]
+        )
         stops = low, high
-    spring = arm["preload_N_m"], arm["rate_N_m_rad"]
-    pulley = names.index(arm["pulley"])
-    return Tensioner(pulley, arm["pivot_m"], arm["arm_m"], free, *spring, stops)
+    return Tensioner(
+        *(names.index(arm["pulley"]), arm["pivot_m"], arm["arm_m"], free),
+        *(arm["preload_N_m"], arm["rate_N_m_rad"], stops),
+    )
 
 
 def points_of_config(config: Config) -> dict[str, DrivePoint]:
@@ -170,30 +181,34 @@ def points_of_config(config: Config) -> dict[str, DrivePoint]:
         for key, values in lists.items()
         if len(values) not in (1, n)
     ]
-    length, tensions = section.belt_length_m, section.initial_tension_N
-    if length is not None and (tensions is not None or section.installation == "slack_force"):
-        problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
-    if section.installation != "tensioner" and tensions is None and length is None:
-        problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
+    length, tensions = section.belt_length_m is not None, section.initial_tension_N
+    problems += that_hold(
+        (
+            length and (tensions is not None or section.installation == "slack_force"),
+            "drive.belt_length_m: must not be stated with initial_tension_N",
+        ),
+        (
+            section.installation != "tensioner" and tensions is None and not length,
+            f"drive.initial_tension_N: must be stated with {section.installation}",
+        ),
+    )
     if problems:
         raise InputError(problems)
-    full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
-    found = dict[str, DrivePoint]()
+    found = list[DrivePoint]()
     for tension in tensions or (math.nan,):
         for i in range(n):
-            at = {key: values[i] for key, values in full.items()}
+            at = {key: values[i % len(values)] for key, values in lists.items()}
             torque, power = (
                 tuple(at.get(f"{key}.{name}", 0.0) for name in names)
                 for key in ("torque_N_m", "power_W")
             )
-            point = DrivePoint(at["driver_speed_rad_s"], tension, torque, power)
-            found[str(len(found) + 1)] = point
-    return found
+            found.append(DrivePoint(at["driver_speed_rad_s"], tension, torque, power))
+    return {str(k): point for k, point in enumerate(found, start=1)}
 
 
 def points_of_slip(config: Config, columns: Columns) -> dict[str, DrivePoint]:
     """Return the operating points of a speed-loss recording, with the torque on the load pulley."""
-    loaded = [pulley.name == load_pulley(config.drive) for pulley in config.drive.pulleys]
+    loaded, names = load_pulley(config.drive), [pulley.name for pulley in config.drive.pulleys]
     speed, tension, torque, loss = (
         np.asarray(columns[name], dtype=float)
         for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
@@ -208,7 +223,7 @@ def points_of_slip(config: Config, columns: Columns) -> dict[str, DrivePoint]:
         str(columns["run"][i]): DrivePoint(
             float(speed[i]),
             float(tension[i]),
-            tuple(float(braking[i]) if on else 0.0 for on in loaded),
+            tuple(float(braking[i]) if name == loaded else 0.0 for name in names),
         )
         for i in np.flatnonzero(is_complete)
     }
@@ -226,21 +241,31 @@ def load_pulley(section: DriveSection) -> str:
     return candidates[0]
 
 
-def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[str]:
-    """Yield warnings about what the config states of a drive; refuse spans too short for rods."""
-    if "drive" not in config.model_fields_set:
-        yield "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart"
-    if config.belt.shear_stiffness_N_m2 is not None:
-        yield "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small"
+def _of_config(config: Config, drive: Drive, least_tension: float) -> list[str]:
+    """Return warnings about what the config states of a drive; refuse spans too short for rods."""
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, least_tension))
     if problems and config.drive.method == "rod":
         raise InputError(problems)
     low, high = (share * config.rig.pulley_radius_m for share in ALIKE_RADII)
-    for pulley in drive.pulleys:
-        if pulley.ribs and not low <= pulley.R <= high:
-            where = f"outside {low:g} to {high:g} m, where the contact of the rig may hold"
-            yield f"pulley {pulley.name}: radius {pulley.R:g} m is {where}"
+    return that_hold(
+        (
+            "drive" not in config.model_fields_set,
+            "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart",
+        ),
+        (
+            config.belt.shear_stiffness_N_m2 is not None,
+            "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small",
+        ),
+        *(
+            (
+                pulley.ribs and not low <= pulley.R <= high,
+                f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low:g} to {high:g} m, "
+                "where the contact of the rig may hold",
+            )
+            for pulley in drive.pulleys
+        ),
+    )
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
@@ -248,12 +273,13 @@ def _other_radii(section: DriveSection, slip: Any) -> list[str]:
     radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
     loaded, ratio = load_pulley(section), slip.facts.get("pulley_ratio")
     stated = radius[loaded] / radius[section.driving]
-    known = ratio and slip.facts.get("pulley_ratio_se")
-    if not known or abs(ratio / stated - 1.0) < ALIKE_RATIOS:
+    if not (ratio and slip.facts.get("pulley_ratio_se")) or abs(ratio / stated - 1) < ALIKE_RATIOS:
         return []
-    turns = f"without torque the driver turns {ratio:.4g} times as fast as {loaded}"
-    by_radii = f"by the radii of drive.pulleys {stated:.4g} times: radii or names are wrong"
-    return [f"{getattr(slip, 'path', 'slip')}: {turns}, {by_radii}"]
+    return [
+        f"{getattr(slip, 'path', 'slip')}: without torque the driver turns {ratio:.4g} times as "
+        f"fast as {loaded}, by the radii of drive.pulleys {stated:.4g} times: radii or names are "
+        "wrong"
+    ]
 
 
 def _solved(
@@ -281,12 +307,10 @@ def _solved(
 def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     runs, rows = list(good), []
-    speeds = np.array([result.point.omega for result in good.values()])
-    series = series_of(speeds, np.array([result.rest.T_0 for result in good.values()]))
-    for (speed, tension), of in series.items():
+    settings = [(result.point.omega, result.rest.T_0) for result in good.values()]
+    for (speed, tension), of in series_of(*np.array(settings).T).items():
         run = max((runs[i] for i in of), key=lambda run: good[run].load)
-        load = good[run].load
-        if load != 0.0:
+        if load := good[run].load:
             limit = slip_limit(simulator, points[run])
             rows.append(
                 {
@@ -302,31 +326,28 @@ def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
 
 def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:
     """Return the drive with the shortest, the mean and the longest belt, a row per pulley."""
-    tolerance, rows = section.belt_length_tolerance_m, []
-    belts = installed_belts(drive, section.method, point, tolerance) if tolerance else {}
-    for name, result in belts.items():
-        angle, at_rest = result.rest.arm_angle, result.in_order(result.rest.hub_force)
-        columns, largest = result.columns, float(np.max(result.columns["tension_in_N"]))
-        for i, pulley in enumerate(drive.pulleys):
-            rows.append(
-                {
-                    "belt": name,
-                    "belt_length_m": result.drive.belt_length,
-                    "arm_angle_deg": None if angle is None else math.degrees(angle),
-                    "tension_at_rest_N": result.rest.T_0,
-                    "pulley": pulley.name,
-                    "hub_force_at_rest_N": at_rest[i],
-                    "largest_tension_N": largest,
-                    "hub_force_N": columns["hub_force_N"][i],
-                    "reserve": columns["reserve"][i],
-                }
-            )
-    return rows
+    if not (tolerance := section.belt_length_tolerance_m):
+        return []
+    return [
+        {
+            "belt": name,
+            "belt_length_m": result.drive.belt_length,
+            "arm_angle_deg": None if (arm := result.rest.arm_angle) is None else math.degrees(arm),
+            "tension_at_rest_N": result.rest.T_0,
+            "pulley": pulley.name,
+            "hub_force_at_rest_N": result.in_order(result.rest.hub_force)[i],
+            "largest_tension_N": float(np.max(result.columns["tension_in_N"])),
+            "hub_force_N": result.columns["hub_force_N"][i],
+            "reserve": result.columns["reserve"][i],
+        }
+        for name, result in installed_belts(drive, section.method, point, tolerance).items()
+        for i, pulley in enumerate(drive.pulleys)
+    ]
 
 
-def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
+def _layout_rows(drive: Drive, arm_angle: float | None) -> Rows:
     """Return the layout of pulleys and spans at rest, in the order of the drive."""
-    laid = layout(drive, result.rest.arm_angle)
+    laid = layout(drive, arm_angle)
     return [
         {
             "pulley": pulley.name,
@@ -342,12 +363,16 @@ def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
 
 def _columns(drive: Drive, good: Results) -> dict[str, np.ndarray]:
     """Return the columns of the drive table, with a row per point and pulley."""
-    names, parts = np.array([pulley.name for pulley in drive.pulleys], dtype=object), []
-    for k, (run, result) in enumerate(good.items(), start=1):
-        label = np.full(names.size, run, dtype=object)
-        parts.append(
-            {"point": np.full(names.size, k), "run": label, "pulley": names, **result.columns}
-        )
+    names = np.array([pulley.name for pulley in drive.pulleys], dtype=object)
+    parts = [
+        {
+            "point": np.full(names.size, k),
+            "run": np.full(names.size, run, dtype=object),
+            "pulley": names,
+            **result.columns,
+        }
+        for k, (run, result) in enumerate(good.items(), start=1)
+    ]
     return {
         name: np.where(np.isfinite(values), values, np.nan) if values.dtype == float else values
         for name, values in joined(parts).items()
@@ -362,43 +387,73 @@ def _budget(loss: np.ndarray, uncertainty: DriveUncertainty) -> Rows:
     if not significant.any():
         return []
     per_loss = 1.0 / loss[significant]
-    part = {"friction surface": np.abs(scatter[significant] * per_loss)}
-    relative = changes[significant] * per_loss[:, None]
-    return budget("speed loss", uncertainty.sources, relative, part)
+    return budget(
+        "speed loss",
+        uncertainty.sources,
+        changes[significant] * per_loss[:, None],
+        {"friction surface": np.abs(scatter[significant] * per_loss)},
+    )
 
 
-def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:
-    yield "friction power is that of the contact; bending and seating cost about as much again"
-    if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
-        slowest, _ = drive.surface.validity["slip_speed_m_s"]
-        flat = drive.friction is drive.surface.tables()
-        how = "is taken at that speed" if flat else "follows half of the trend there, ± that half"
-        yield f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}"
-    if method == "rod":
-        yield "shares and, below full slip, uncertainties are those of a string; slip limits to 1 %"
-    if of_string:
-        yield f"no steady state of the rod for some inputs, so by a string: {', '.join(of_string)}"
-    if drive.surface.factor is None:
-        yield "the friction surface has no covariance: it is assumed to be exact"
-    for status, words in (
-        ("gross slip", "cannot be transmitted with the friction that is known"),
-        ("slack", "leave a span without tension"),
-    ):
-        if runs := dict.fromkeys(columns["run"][columns["status"] == status].tolist()):
-            yield f"{len(runs)} points {words}: {', '.join(runs)}"
+def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> list[str]:
+    slowest, how = drive.surface.validity["slip_speed_m_s"][0], "is taken at that speed"
+    if drive.friction is not drive.surface.tables():
+        how = "follows half of the trend there, ± that half"
+    gross, slack = (
+        dict.fromkeys(columns["run"][columns["status"] == status].tolist())
+        for status in ("gross slip", "slack")
+    )
+    return [
+        "friction power is that of the contact; bending and seating cost about as much again",
+        *that_hold(
+            (
+                np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0,
+                f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}",
+            ),
+            (
+                method == "rod",
+                "shares and, below full slip, uncertainties are those of a string; slip limits to "
+                "1 %",
+            ),
+            (
+                of_string,
+                "no steady state of the rod for some inputs, so by a string: "
+                f"{', '.join(of_string)}",
+            ),
+            (
+                drive.surface.factor is None,
+                "the friction surface has no covariance: it is assumed to be exact",
+            ),
+            (
+                gross,
+                f"{len(gross)} points cannot be transmitted with the friction that is known: "
+                f"{', '.join(gross)}",
+            ),
+            (slack, f"{len(slack)} points leave a span without tension: {', '.join(slack)}"),
+        ),
+    ]
 
 
-def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:
-    """Yield warnings about friction outside the measured range of the laws."""
+def _outside(columns: Columns, surface: FrictionSurface) -> list[str]:
+    """Return warnings about friction outside the measured range of the laws."""
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
-    for name, words in (
-        ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
-        ("share_outside_force_range", f"outside the measured {low:.4g} to {high:.4g} N/m"),
-    ):
-        shares = columns[name]
-        if (beyond := shares > MOST_OUTSIDE).any():
-            n, most = len(set(columns["run"][beyond].tolist())), 100.0 * np.nanmax(shares)
-            yield f"in {n} points, up to {most:.0f} % of the friction comes from sliding {words}"
-    if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
-        yield f"friction falls with the speed: {', '.join(runs)} could also run with more slip"
+    shares = {
+        f"slower than measured ({slowest:.3g} m/s)": columns["share_below_speed_range"],
+        f"outside the measured {low:.4g} to {high:.4g} N/m": columns["share_outside_force_range"],
+    }
+    falls = dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist())
+    return [
+        *(
+            f"in {len({*columns['run'][of > MOST_OUTSIDE]})} points, up to "
+            f"{100.0 * np.nanmax(of):.0f} % of the friction comes from sliding {words}"
+            for words, of in shares.items()
+            if (of > MOST_OUTSIDE).any()
+        ),
+        *that_hold(
+            (
+                falls,
+                f"friction falls with the speed: {', '.join(falls)} could also run with more slip",
+            )
+        ),
+    ]

@@ -28,13 +28,7 @@ from beltid.export.law import (
 from beltid.export.targets import TARGETS, Export, export, reference_point
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.inputs import (
-    Columns,
-    friction_in,
-    law_row,
-    load_law,
-    surface_from,
-)
+from beltid.stages.inputs import Columns, friction_in, law_row, load_law, surface_from
 from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
 from beltid.store.disk import check_place, write_bytes
 
@@ -60,10 +54,14 @@ def run(
 ) -> Summary:
     """Write the law of a results folder or of a law file for one target or for all."""
     if target is None:
-        rows = [
-            {"target": name, "writes": of.title, "holds": of.holds} for name, of in TARGETS.items()
-        ]
-        return Summary("export", "targets", table=rows, shown=("target", "writes"))
+        return Summary(
+            stage="export",
+            title="targets",
+            table=[
+                {"target": n, "writes": of.title, "holds": of.holds} for n, of in TARGETS.items()
+            ],
+            shown=("target", "writes"),
+        )
     if target not in (*TARGETS, ALL):
         raise InputError(f"target = {target}, must be one of {', '.join((*TARGETS, ALL))}")
     if source is None:
@@ -72,14 +70,13 @@ def run(
         )
     law = law_of_folder(source, config, surface) if source.is_dir() else _of_file(source, surface)
     folder = out or (source if source.is_dir() else source.parent) / "export"
-    point = reference_point(law, *exact_at)
-    names = tuple(TARGETS) if target == ALL else (target,)
+    point, names = reference_point(law, *exact_at), TARGETS if target == ALL else (target,)
     exports = {name: export(law, name, point) for name in names}
     files = {folder / name: data for made in exports.values() for name, data in made.files.items()}
     changed = {p: data for p, data in files.items() if not p.is_file() or p.read_bytes() != data}
     problems = list[str]()
+    inputs = {"law file that is read": source} if source.is_file() else {}
     for path in changed:
-        inputs = {"law file that is read": source} if source.is_file() else {}
         try:
             check_place(path, (path.suffix,), inputs=inputs, force=force)
         except InputError as error:
@@ -117,17 +114,6 @@ def _summary(
         for name, made in exports.items()
         for reduction, deviation in made.reductions.items()
     ]
-    rows = [
-        {
-            "target": name,
-            "file": file,
-            "holds": TARGETS[name].holds,
-            "reduced": ", ".join(made.reductions) or "nothing",
-            "worst_percent": 100.0 * max((d.worst for d in made.reductions.values()), default=0),
-        }
-        for name, made in exports.items()
-        for file in made.files
-    ]
     valid = law.validity
     return Summary(
         stage="export",
@@ -140,7 +126,18 @@ def _summary(
             "valid_force_N_m": valid.normal_force_N_m,
             "valid_speed_m_s": valid.slip_speed_m_s,
         },
-        table=rows,
+        table=[
+            {
+                "target": name,
+                "file": file,
+                "holds": TARGETS[name].holds,
+                "reduced": ", ".join(made.reductions) or "nothing",
+                "worst_percent": 100.0
+                * max((of.worst for of in made.reductions.values()), default=0),
+            }
+            for name, made in exports.items()
+            for file in made.files
+        ],
         shown=("target", "file", "reduced", "worst_percent"),
         details={"reductions": reductions} if reductions else {},
         up_to_date=up_to_date,
@@ -163,7 +160,6 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
     covariance = normal["covariance"].reshape(2, 2)
     normal["covariance"] = covariance if np.isfinite(covariance).all() else None
     made, pressed = surface.record, stiffness.record
-    rows = (row for row in made.tables.get("budget", ()) if row["contribution_percent"] is not None)
     valid = pressed.validity | made.validity
     valid["measured_force_N_m"] = surface.facts.get("measured", {}).get("normal_force_N_m")
     valid["press_force_N_m"] = valid.get("force_N_m")
@@ -177,7 +173,11 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
             friction=friction_part(
                 surface_from(surface),
                 surface.facts.get("method") or "published",
-                budget=tuple(part_of(Contribution, row) for row in rows),
+                budget=tuple(
+                    part_of(Contribution, row)
+                    for row in made.tables.get("budget", ())
+                    if row["contribution_percent"] is not None
+                ),
                 **({} if friction is None else _sticking(friction.columns)),
             ),
             validity=part_of(Validity, valid),
@@ -207,6 +207,8 @@ def _sticking(friction: Columns) -> dict[str, float]:
     """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
     ratio = friction["mu_sticking"] / friction["mu_sliding"]
     ratio = ratio[(friction["status"] == "ok") & np.isfinite(ratio)]
-    if ratio.size < 2:
-        return {}
-    return {"sticking_ratio": ratio.mean(), "sticking_ratio_sd": ratio.std(ddof=1)}
+    return (
+        {"sticking_ratio": ratio.mean(), "sticking_ratio_sd": ratio.std(ddof=1)}
+        if ratio.size > 1
+        else {}
+    )

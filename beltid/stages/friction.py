@@ -35,6 +35,7 @@ from beltid.stages.inputs import (
     set_aside_lines,
     span,
     standard_uncertainties,
+    that_hold,
 )
 from beltid.store.artifact import Artifact
 from beltid.tables.schemas import table
@@ -72,8 +73,12 @@ def contact_law(press: Recording, config: Config) -> Outcome[StiffnessResult]:
     combined, budget = stiffness_uncertainty(
         laws, standard_uncertainties(config), settings.segment_length_m
     )
-    notes = ["; ".join((*law.notes, *law.warnings)) or None for law in laws]
-    columns = columns_from("stiffness", laws, notes=notes, **combined)
+    columns = columns_from(
+        "stiffness",
+        laws,
+        notes=["; ".join((*law.notes, *law.warnings)) or None for law in laws],
+        **combined,
+    )
     aside = [{"test": test, "why": why} for test, why in recording.set_aside]
     return Outcome(
         columns,
@@ -103,7 +108,9 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
     parts = []
     for curve in result.recording.curves:
         for name, branch in curve.branches.items():
-            position, force = _means_of_neighbours(branch)
+            n = branch.shape[1]  # thinned: means of neighbours
+            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
+            position, force = np.add.reduceat(branch, starts[:-1], axis=1) / np.diff(starts)
             part = {
                 "test": np.array(curve.test, dtype=object),
                 "temperature_degC": np.array(curve.temperature_degC),
@@ -116,22 +123,13 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
     return Outcome(joined(parts), result)
 
 
-def _means_of_neighbours(branch: np.ndarray) -> np.ndarray:
-    """Return positions and forces (2, k) of a branch, thinned."""
-    n = branch.shape[1]
-    starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)
-    return np.add.reduceat(branch, starts[:-1], axis=1) / np.diff(starts)
-
-
 def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
     """Find the sliding speed of every run, Eq. (7), and the speeds that the rig must cover."""
     rig, radius = config.rig, config.rig.pulley_radius_m
-    driver = radius
-    if "drive" in config.model_fields_set:
-        radii = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
-        driver = radii.get(config.drive.driving, radius)
+    pulleys = config.drive.pulleys if "drive" in config.model_fields_set else ()
+    radii = {pulley.name: pulley.radius_m for pulley in pulleys}
     with at(speedloss):
-        result = fit_slip(speedloss.columns, driver)
+        result = fit_slip(speedloss.columns, radii.get(config.drive.driving, radius))
     points, warnings = result.columns, list[str]()
     proposed = covered = statement = None
     stated = rig.pulley_speeds_rad_s if "pulley_speeds_rad_s" in rig.model_fields_set else None
@@ -139,8 +137,11 @@ def sliding_speeds(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
         proposed, covered, statement = required_pulley_speeds(result, radius, stated)
     except InputError as error:  # the sliding speeds were found; keep them
         warnings = [f"no pulley speeds proposed: {line}" for line in error.problems]
-    of_runs = zip(points["run"], points["status"], strict=True)
-    aside = [{"run": run, "why": why} for run, why in of_runs if why not in (OK, GROSS_SLIP)]
+    aside = [
+        {"run": run, "why": why}
+        for run, why in zip(points["run"], points["status"], strict=True)
+        if why not in (OK, GROSS_SLIP)
+    ]
     return Outcome(
         columns_from("slip", (None,), **points),
         result,
@@ -172,14 +173,15 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     for run in runs:
         run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig
-    direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
-    stated = StandardUncertainties() if direct else standard_uncertainties(config)
+    derived = any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
+    stated = standard_uncertainties(config) if derived else StandardUncertainties()
     columns = reduction_columns(runs)
     combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
-    good = columns["status"] == "ok"
     aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
-    names = ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
-    ranges = {name: span(columns[name][good]) for name in names}
+    ranges = {
+        name: span(columns[name][columns["status"] == "ok"])
+        for name in ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
+    }
     return Outcome(
         columns | combined,
         runs,
@@ -205,9 +207,9 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
 def rig_kind(config: Config) -> RigKind:
     """Return the kind of a config's friction rig: what it measures, and its load cells."""
     rig, belt, known = config.rig, config.belt, config.friction
-    # a running belt between two pulleys turns alike at both ends; the line of force does not turn
-    bent = rig.kind == "torque_hub" and not rig.running
-    spans = Spans(belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
+    spans = STRAIGHT  # a running belt turns alike at both ends; the line of force does not turn
+    if rig.kind == "torque_hub" and not rig.running:
+        spans = Spans(belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     return RigKind(
         measures=rig.kind,
         weight_on=rig.weight_on,
@@ -218,7 +220,7 @@ def rig_kind(config: Config) -> RigKind:
             KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),
             KnownCell(known.tension_slack_tare_N, known.tension_slack_gain),
         ),
-        spans=spans if bent else STRAIGHT,
+        spans=spans,
     )
 
 
@@ -227,8 +229,8 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     radius = config.rig.pulley_radius_m
     if rig.kind == "points":
         resolution = config.rig.force_resolution_N
-        resolution = math.nan if resolution is None else resolution
-        return reduce_plateaus(rig.columns, radius, rig_kind(config), resolution)
+        known = math.nan if resolution is None else resolution
+        return reduce_plateaus(rig.columns, radius, rig_kind(config), known)
     records = records_of(rig, config)
     if rig.is_artifact:  # from perfect cells
         return reduce_records(records, radius)
@@ -256,76 +258,105 @@ def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     return columns_from("friction", runs, notes=["; ".join(_said(run)) or None for run in runs])
 
 
-def _said(run: RunReduction) -> Iterator[str]:
-    """Yield the notes of a run for the user."""
-    yield from _drag_taken_off(run)
-    if run.arc_deg >= TOUCH_DEG:
-        yield TOUCHING
-    yield from run.notes
-    if run.mu_sticking_reason:
-        yield f"no mu_sticking: {run.mu_sticking_reason}"
+def _said(run: RunReduction) -> list[str]:
+    return [
+        *_drag_taken_off(run),
+        *that_hold((run.arc_deg >= TOUCH_DEG, TOUCHING)),
+        *run.notes,
+        *that_hold((run.mu_sticking_reason, f"no mu_sticking: {run.mu_sticking_reason}")),
+    ]
 
 
 def _drag_taken_off(run: RunReduction) -> Iterator[str]:
     if run.drag_N_m is not None:
-        low, high = run.drag_N_m
-        size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        size = " to ".join(f"{drag:.3g}" for drag in dict.fromkeys(run.drag_N_m))
         yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
 
 
-def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
-    """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
+def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> list[str]:
+    """Return warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
-    if not all(run.converged for run in good):
-        yield "the search for the noise of the bench did not end: the standard errors may be wrong"
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    if kind.has_torque and derived and not any(run.drag_N_m for run in good):
-        yield "drag of the bearings raises mu: record a run without the belt, column idle: true"
-    if kind.measures == "torque_hub" and not kind.running and not held:
-        sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
-        ratios = [sliding / rest for sliding, rest in sums if np.isfinite(sliding / rest)]
-        growth = float(np.median(ratios or 1.0))
-        if abs(growth - 1.0) > CONSTANT:
-            yield (
-                f"the hub force is {growth:.3g} times that at rest: if its load cell holds the "
-                "slide of the pulley, state rig.holds: stretch"
-            )
-    if shares := [abs(run.held) for run in good if abs(run.held) > HELD]:
-        yield (
-            f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
-            f"tension ({counted(len(shares), 'run')} of {len(good)}): held friction, or gains. "
-            "Turn the pulley back and forth before the rest and state friction.free_at_rest: true, "
-            "add runs in the other direction, or state uncertainty.cell_gain_rel"
-        )
-    if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
-        yield f"{TOUCHING} ({listed(touching)})"
-    if any(run.side == "back" for run in good):
-        yield "measured on the back of the belt: friction and stiffness do not hold for the ribs"
-    if good and not any(np.isfinite(run.mu_sliding_se) for run in good):
-        yield "no standard error is known: state mu_se in the table, or rig.force_resolution_N"
+    is_constant = kind.measures == "torque_hub" and not kind.running and not held
+    ratios = [
+        (run.tension_tight_N + run.tension_slack_N) / (2.0 * run.initial_tension_N)
+        for run in good
+        if is_constant
+    ]
+    growth = float(np.median([ratio for ratio in ratios if np.isfinite(ratio)] or 1.0))
+    shares = [abs(run.held) for run in good if abs(run.held) > HELD]
+    touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
+    no_se = not any(np.isfinite(run.mu_sliding_se) for run in good)
+    return that_hold(
+        (
+            not all(run.converged for run in good),
+            "the search for the noise of the bench did not end: the standard errors may be wrong",
+        ),
+        (
+            kind.has_torque and derived and not any(run.drag_N_m for run in good),
+            "drag of the bearings raises mu: record a run without the belt, column idle: true",
+        ),
+        (
+            abs(growth - 1.0) > CONSTANT,
+            f"the hub force is {growth:.3g} times that at rest: if its load cell holds the slide "
+            "of the pulley, state rig.holds: stretch",
+        ),
+        (
+            shares,
+            f"at rest the spans differ by {percent(100 * float(np.median(shares or 0.0)))} of the "
+            f"initial tension ({counted(len(shares), 'run')} of {len(good)}): held friction, or "
+            "gains. Turn the pulley back and forth before the rest and state "
+            "friction.free_at_rest: true, add runs in the other direction, or state "
+            "uncertainty.cell_gain_rel",
+        ),
+        (touching, f"{TOUCHING} ({listed(touching)})"),
+        (
+            any(run.side == "back" for run in good),
+            "measured on the back of the belt: friction and stiffness do not hold for the ribs",
+        ),
+        (
+            good and no_se,
+            "no standard error is known: state mu_se in the table, or rig.force_resolution_N",
+        ),
+    )
 
 
-def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
-    """Yield notes on events in several runs, with the number of runs."""
-    yield from dict.fromkeys(line for run in runs for line in _drag_taken_off(run))
-    for text, name in (("spikes left out", "n_spikes"), ("samples missing", "n_missing")):
-        counts = [getattr(run, name) for run in runs]
-        if hit := sum(count > 0 for count in counts):
-            yield f"{sum(counts)} {text}, in {counted(hit, 'run')}"
-    if swapped := [run.run for run in runs if run.swapped]:
-        yield f"tight and slack cell were swapped in {listed(swapped)}; corrected"
-    if unresolved := sum(run.ok and bool(run.mu_sticking_reason) for run in runs):
-        yield f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it"
-    if faint := [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]:
-        yield f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}"
+def _notes(runs: Sequence[RunReduction]) -> list[str]:
+    """Return notes on events in several runs, with the number of runs."""
+    spikes, missing = [run.n_spikes for run in runs], [run.n_missing for run in runs]
+    swapped = [run.run for run in runs if run.swapped]
+    unresolved = sum(run.ok and bool(run.mu_sticking_reason) for run in runs)
+    faint = [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]
+    return [
+        *dict.fromkeys(line for run in runs for line in _drag_taken_off(run)),
+        *that_hold(
+            (
+                any(spikes),
+                f"{sum(spikes)} spikes left out, in {counted(sum(n > 0 for n in spikes), 'run')}",
+            ),
+            (
+                any(missing),
+                f"{sum(missing)} samples missing, in {counted(sum(n > 0 for n in missing), 'run')}",
+            ),
+            (swapped, f"tight and slack cell were swapped in {listed(swapped)}; corrected"),
+            (
+                unresolved,
+                f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it",
+            ),
+            (
+                faint,
+                f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}",
+            ),
+        ),
+    ]
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:
     """Refuse runs whose weight, torque or speed the load cells contradict."""
     if kind.running:
         return
-    checks = (*_weights(runs, config, kind), *_torques(runs, config, kind), *_travels(runs, config))
-    if problems := [line for line in checks if line]:
+    of_forces = (*_weights(runs, config, kind), *_torques(runs, config, kind))
+    if problems := [*filter(None, (*of_forces, *_travels(runs, config)))]:
         raise InputError(problems)
 
 
@@ -406,8 +437,7 @@ def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]
 
 def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
     """The surface of the pulley travels as far as the belt stretches until it slides."""
-    travels = {run.run: run.take_up_m for run in runs if np.isfinite(run.take_up_m)}
-    if not travels:
+    if not (travels := {run.run: run.take_up_m for run in runs if np.isfinite(run.take_up_m)}):
         return
     rig = config.rig
     changes = [
@@ -426,23 +456,26 @@ def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[str]:
             f"the belt slides, must be {1e3 * low:.2g} to {1e3 * high:.2g} mm with the stated "
             "rig.span_length_m and belt.axial_stiffness_N"
         )
-        factor = float(np.sqrt(low * high)) / travel
-        yield _contradiction(config, label, "pulley_speed_rad_s", found, factor)
+        yield _contradiction(
+            config, label, "pulley_speed_rad_s", found, float(np.sqrt(low * high)) / travel
+        )
 
 
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
     """Return runs over time for the report, thinned: typical ones and those set aside less."""
     labels = friction.columns["run"]
-    aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE].tolist()
+    aside = np.flatnonzero(friction.columns["status"] != "ok")[:MOST_SET_ASIDE]
     samples = {str(labels[k]): MOST_SAMPLES for k in (*typical_runs(friction.columns), *aside)}
-    for label in map(str, labels[:MOST_RUNS]):
-        samples.setdefault(label, SMALL_SAMPLES)
+    samples |= {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS] if label not in samples}
     records = {record.result.run: record for record in records_of(rig, config)}
     if missing := sorted(set(samples) - set(records)):
-        of = f"{friction.path} was made from another recording"
-        raise InputError(f"{rig.path}: has no run {listed(missing)}; {of}")
-    parts = [_thinned(records[run], most) for run, most in samples.items()]
-    return Outcome(joined(parts), tuple(samples))
+        raise InputError(
+            f"{rig.path}: has no run {listed(missing)}; {friction.path} was made from another "
+            "recording"
+        )
+    return Outcome(
+        joined([_thinned(records[run], most) for run, most in samples.items()]), tuple(samples)
+    )
 
 
 def typical_runs(friction: Columns) -> tuple[int, ...]:
@@ -459,10 +492,9 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
         groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
     chosen = []
     for rows in groups:
-        distance = np.zeros(rows.size)
-        for setting in (tension[rows], speed[rows]):
-            if np.isfinite(setting).any():
-                distance += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
+        parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
+        distance = sum(parts, start=np.zeros(rows.size))
         chosen.append(int(rows[np.argmin(distance)]))
     return tuple(chosen)
 

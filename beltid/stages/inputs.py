@@ -53,8 +53,9 @@ def load_law(path: str | Path) -> ContactLaw:
     ArtifactError
         If the file is missing, damaged, changed by hand, or no contact law.
     """
-    text = read_bytes(Path(path), ArtifactError).decode("utf-8", "replace")
-    return law_from_text(text, str(path))
+    return law_from_text(
+        read_bytes(Path(path), ArtifactError).decode("utf-8", "replace"), str(path)
+    )
 
 
 def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
@@ -132,8 +133,8 @@ def _averaged_surface(item: Artifact | Outcome[Any]) -> FrictionSurface:
     rows = rows[np.lexsort((columns["slip_speed_m_s"][rows], columns["normal_force_N_m"][rows]))]
     factor = columns.get("mu_factor")
     if factor is not None:
-        factor = factor[rows].reshape(*surface.mu_nodes.shape, -1)
-        factor = None if np.isnan(factor).any() else factor
+        of_nodes = factor[rows].reshape(*surface.mu_nodes.shape, -1)
+        factor = None if np.isnan(of_nodes).any() else of_nodes
     sources = (item.facts.get("uncertainty") or {}).get("sources", ())
     return surface.with_covariance(factor, [source["name"] for source in sources])
 
@@ -147,9 +148,8 @@ def law_from(law: Any, temperature_degC: float | None = None) -> NormalLaw:
             f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result "
             "of fit_stiffness(FRAME)"
         )
-    row = law_row(law, temperature_degC)
-    names = ("k_linear_N_m2", "k_quadratic_N_m3")
-    return NormalLaw(*(float(law.columns[name][row]) for name in names))
+    row, of = law_row(law, temperature_degC), law.columns
+    return NormalLaw(float(of["k_linear_N_m2"][row]), float(of["k_quadratic_N_m3"][row]))
 
 
 def law_row(law: Artifact | Outcome[Any], temperature_degC: float | None = None) -> int:
@@ -160,9 +160,9 @@ def law_row(law: Artifact | Outcome[Any], temperature_degC: float | None = None)
     distance = np.abs(temperatures - temperature_degC)
     if not np.any(distance <= NEAR_DEGC):
         known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
-        name = getattr(law, "path", "stiffness")
         raise InputError(
-            f"{name}: no law at {temperature_degC:g} °C; temperatures with a law: {known}"
+            f"{getattr(law, 'path', 'stiffness')}: no law at {temperature_degC:g} °C; temperatures "
+            f"with a law: {known}"
         )
     return int(np.nanargmin(distance))
 
@@ -185,8 +185,7 @@ def friction_columns(table: Any, needed: tuple[str, ...], argument: str = "frict
             raise InputError(f"{argument} is a {table.kind} table, a friction table is needed")
         return table.columns
     columns = table_columns(table, schemas.table("friction"), argument)
-    missing = ", ".join(column for column in needed if column not in columns)
-    if missing:
+    if missing := ", ".join(column for column in needed if column not in columns):
         raise InputError(f"{argument}: column {missing} is missing")
     return columns
 
@@ -200,9 +199,8 @@ def ok_rows(friction: Columns) -> np.ndarray:
 def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
     """Fill in nominal tensions: that at rest, else the mean while sliding (hub force: first)."""
     setting = np.asarray(friction["nominal_tension_N"], dtype=float)
-    unknown = np.full(setting.size, np.nan)
     rest, tight, slack = (
-        np.asarray(friction.get(name, unknown), dtype=float)
+        np.asarray(friction.get(name, np.full(setting.size, np.nan)), dtype=float)
         for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
     )
     candidates = (rest, 0.5 * (tight + slack))
@@ -213,13 +211,11 @@ def with_tensions(friction: Columns, config: Config) -> dict[str, np.ndarray]:
 
 def nominal_settings(values: np.ndarray, gap: float) -> np.ndarray:
     """Snap values to their repeated settings; return them unchanged if they repeat none."""
-    settings = np.empty(values.size)
-    labels = settings_of(values, gap)
+    settings, labels = np.empty(values.size), settings_of(values, gap)
     for label in np.unique(labels):
         settings[labels == label] = _setting(values[labels == label])
     repeated = 2 * np.unique(settings).size <= values.size
-    near = np.all(np.abs(values - settings) <= gap * values)
-    return settings if repeated and near else values
+    return settings if repeated and np.all(np.abs(values - settings) <= gap * values) else values
 
 
 def _setting(values: np.ndarray) -> float:
@@ -242,8 +238,7 @@ def friction_in(folder: Path) -> Artifact | None:
 
 def friction_of(surface: Artifact) -> Artifact | None:
     """Return the friction artifact beside a surface made from it; None if there is none."""
-    friction = friction_in(surface.path.parent)
-    if friction is None:
+    if (friction := friction_in(surface.path.parent)) is None:
         return None
     refuse_misfits([surface], [friction])
     return friction if friction.sha256 == surface.record.inputs.get("friction") else None
@@ -281,7 +276,7 @@ def columns_from(kind: str, rows: Sequence[Any], **more: Any) -> dict[str, np.nd
         if name not in more and not hasattr(rows[0], name):
             continue
         values = more[name] if name in more else [getattr(row, name) for row in rows]
-        if name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values):
+        if name in schemas.WHERE_KNOWN and all(map(is_missing, values)):
             continue
         types: dict[str, Any] = {"string": object, "list": float}
         array = np.array(values, dtype=types.get(column.dtype, column.dtype))
@@ -294,6 +289,11 @@ def columns_from(kind: str, rows: Sequence[Any], **more: Any) -> dict[str, np.nd
 def joined(parts: Sequence[Columns]) -> dict[str, np.ndarray]:
     """Put tables with the same columns one below the other."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def that_hold(*sentences: tuple[Any, str]) -> list[str]:
+    """Return the sentences whose condition, which stands before them, holds."""
+    return [sentence for holds, sentence in sentences if holds]
 
 
 def set_aside_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:

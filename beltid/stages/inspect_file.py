@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +13,8 @@ import numpy as np
 
 from beltid.bench.recording import Inspection, inspect_recording, ranges
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import effective_values
+from beltid.config.loading import SECTIONS, effective_values, format_path, template_text, value_text
 from beltid.config.model import KINDS
-from beltid.config.source import format_path
-from beltid.config.writing import SECTIONS, template_text, value_text
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.identify.agreement import SAME_SETTING
 from beltid.notes import log
@@ -46,11 +45,8 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         except InputError as error:
             if len(paths) == 1:
                 raise
-            about: dict[str, Any] = {
-                "warnings": error.problems,
-                "verdict": f"cannot be read: {error.problems[0]}",
-            }
-            parts.append(Summary("inspect", str(path), exit_status=EXIT_INPUT, **about))
+            unread = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
+            parts.append(replace(unread, verdict=f"cannot be read: {error.problems[0]}"))
     if len(parts) == 1:
         return parts[0]
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
@@ -72,13 +68,14 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     verdict = "not yet understood: see what is still missing"
     if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
-    bench = schemas.table(kind).command if kind else "an unknown bench"
-    guessed = "" if stated or not kind else " (guessed)"
+    bench = "an unknown bench"
+    if kind:
+        bench = schemas.table(kind).command + ("" if stated else " (guessed)")
     rows = _channel_rows(inspection)
     tables = {"runs": runs[:SHOWN_RUNS], "all runs": runs if len(runs) > SHOWN_RUNS else []}
     return Summary(
         stage="inspect",
-        title=f"{path}, recording of {bench}{guessed}",
+        title=f"{path}, recording of {bench}",
         facts=_facts(inspection),
         table=rows,
         shown=tuple(n for n in next(iter(rows), {}) if n != "first"),  # terminals have 80 columns
@@ -102,11 +99,16 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
     }
     if not runs:
         return facts
-    facts |= {"runs": len(runs), "samples": sum(run["samples"] for run in runs)}
-    for name in ("arc_deg", "initial_tension_N"):
-        if values := sorted({run[name] for run in runs if name in run}):
-            facts[name] = values
-    return facts | {"runs_with_gaps": sum(1 for run in runs if run["gaps_at_s"])}
+    settings = {
+        name: sorted({run[name] for run in runs if name in run})
+        for name in ("arc_deg", "initial_tension_N")
+    }
+    return facts | {
+        "runs": len(runs),
+        "samples": sum(run["samples"] for run in runs),
+        **{name: values for name, values in settings.items() if values},
+        "runs_with_gaps": sum(1 for run in runs if run["gaps_at_s"]),
+    }
 
 
 def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
@@ -127,9 +129,9 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
 
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
     """Return the config section for what was recognised, with comments for what is missing."""
-    kind, lines = inspection.kind, list[str]()
-    if kind:
-        lines += ["data:", f"  {kind}: {value_text(path.absolute())}"]
+    lines = list[str]()
+    if inspection.kind:
+        lines += ["data:", f"  {inspection.kind}: {value_text(path.absolute())}"]
     if inspection.rig:
         lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]
     lines += section_lines([inspection], config)
@@ -165,24 +167,20 @@ def _units(inspection: Inspection, config: Config) -> list[str]:
         c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
     }
     for role, match in inspection.found.items():
-        if role in stated:
-            lines.append(f"    {role}: {value_text(stated[role])}")
-        elif match.stated and match.channel.unit:
-            lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
+        if unit := stated.get(role) or (match.stated and canonical_unit(match.channel.unit)):
+            lines.append(f"    {role}: {value_text(unit)}")
         ours = columns[role].unit
-        open_unit = not match.stated and not canonical_unit(match.channel.unit).strip("-")
-        if match.how == "recognised" and open_unit and ours:
-            rpm = ", or rpm" if ours == "rad/s" else ""
-            comments.append(f"#     {role}: {value_text(ours)}  # if correct{rpm}")
+        is_open = not match.stated and not canonical_unit(match.channel.unit).strip("-")
+        if match.how == "recognised" and is_open and ours:
+            correct = "correct, or rpm" if ours == "rad/s" else "correct"
+            comments.append(f"#     {role}: {value_text(ours)}  # if {correct}")
     return lines + comments
 
 
 def _runs(inspection: Inspection, config: Config) -> list[str]:
     """Return the entries about the runs; a commented pattern if settings are missing."""
     stated = config.runs[inspection.kind]
-    table = stated["table"] and stated["table"].absolute()
-    keys = {"pattern": stated["pattern"], "table": table, "values": dict(stated["values"])}
-    entries = [f"    {key}: {value_text(value)}" for key, value in keys.items() if value]
+    entries = [f"    {key}: {value_text(value)}" for key, value in stated.items() if value]
     if inspection.pattern:
         how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
         entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))
@@ -193,11 +191,14 @@ def new_config(
     name: str, files: Sequence[Path], out: Path | None, *, force: bool = False
 ) -> Summary:
     """Write the config of a new belt."""
-    path, values = out or Path(f"{name}.yaml"), _of_name(name)
+    path, values = out or Path(f"{name}.yaml"), dict[str, Any]({"belt.name": name})
+    if match := re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE):
+        values |= {"belt.type": name.upper(), "belt.ribs": int(match[1])}
     sources = dict.fromkeys(values, "from the name")
     _config(values)  # checks the name
-    recordings = {f"recording {file}": file for file in files}
-    check_place(path, (".yaml", ".yml"), inputs=recordings, force=force)
+    check_place(
+        path, (".yaml", ".yml"), inputs={f"recording {file}": file for file in files}, force=force
+    )
     problems, inspections = list[str](), list[Inspection]()
     for file in files:
         try:
@@ -213,8 +214,8 @@ def new_config(
     if problems:
         raise InputError(problems)
     config = _config(values)
-    text = "\n".join([template_text(config, sources), *section_lines(inspections, Config()), ""])
-    write_bytes(path, text.encode())
+    lines = [template_text(config, sources), *section_lines(inspections, Config()), ""]
+    write_bytes(path, "\n".join(lines).encode())
     rows = [
         {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
         for place, value, _ in effective_values(config)
@@ -231,13 +232,6 @@ def new_config(
     )
 
 
-def _of_name(name: str) -> dict[str, Any]:
-    """Return the values that follow from a name: 6pk is a 6PK with six ribs."""
-    match = re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE)
-    more = {"belt.type": name.upper(), "belt.ribs": int(match[1])} if match else {}
-    return {"belt.name": name, **more}
-
-
 def _inspected(file: Path) -> Inspection:
     """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
     inspection = inspect_recording(file, Config(), guess=True)
@@ -246,8 +240,10 @@ def _inspected(file: Path) -> Inspection:
             f"{file}: of an unknown bench, must be {', '.join(KINDS)}; see `beltid inspect {file}`"
         )
     for line in inspection.problems[:1]:
-        more = f"`beltid inspect {file}` lists everything that must be stated"
-        log.warning("data.%s: %s; %s", inspection.kind, line, more)
+        log.warning(
+            "data.%s: %s; `beltid inspect %s` lists everything that must be stated",
+            *(inspection.kind, line, file),
+        )
     return inspection
 
 
@@ -258,11 +254,13 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
     values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
     for (key, columns), gap in zip(SETTINGS.items(), SAME_SETTING.values(), strict=True):
         recorded = [run[c] for run in inspection.runs for c in columns if c in run]
-        snapped = nominal_settings(np.array(recorded), gap)
-        settings = sorted({float(f"{value:.4g}") for value in snapped})
+        settings = sorted(
+            {float(f"{value:.4g}") for value in nominal_settings(np.array(recorded), gap)}
+        )
         if len(settings) > MOST_SETTINGS:
-            text = "%s is left open: the recording has %d values, which are used"
-            log.info(text, key, len(settings))
+            log.info(
+                f"{key} is left open: the recording has {len(settings)} values, which are used"
+            )
         elif settings:
             values[key] = settings
     return values

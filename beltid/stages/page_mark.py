@@ -16,11 +16,11 @@ from beltid._version import __version__
 from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
+from beltid.stages.steps import STAGES
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
 NAME: Final = "report.html"
-SUFFIXES: Final = (".html", ".htm")
 HEAD: Final = 4096  # bytes at the beginning of a page that hold its generator and its mark
 MARK: Final = re.compile(
     r'<meta name="generator" content="beltid">\s*'
@@ -63,19 +63,23 @@ class OnPage:
                     shown[name] = sha256(read_bytes(path, ArtifactError))
                 except ArtifactError as error:
                     shown[name] = str(error)
-        left = [name for name in shown if self.is_left(name)]
-        return [self.folder.resolve().name, shown, left, sorted(self.recordings), self.failures]
+        folder, left = self.folder.resolve().name, [*filter(self.is_left, shown)]
+        return [folder, shown, left, sorted(self.recordings), self.failures]
 
 
 def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
     """Return the links of a page that compares belts to their own pages."""
-    above = out.absolute().parent
-    return [quote(Path(os.path.relpath(b.folder / NAME, above)).as_posix()) for b in belts]
+    return [
+        quote(Path(os.path.relpath(belt.folder / NAME, out.absolute().parent)).as_posix())
+        for belt in belts
+    ]
 
 
 def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
     """Return the mark of a page of belts; empty if that at `out` is up to date and not edited."""
-    check_place(out, SUFFIXES, lambda page: OURS if mark_of(page) else FOREIGN, force=force)
+    check_place(
+        out, (".html", ".htm"), lambda page: OURS if mark_of(page) else FOREIGN, force=force
+    )
     links = links_to(belts, out) if len(belts) > 1 else []
     record = [__version__, source_sha256(of_page=True), links, [belt.content() for belt in belts]]
     mark = sha256(json.dumps(record).encode())
@@ -111,17 +115,13 @@ def recordings_of(folder: Path) -> Collection[str]:
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
     """Store the curves that the figures need in the folder of a belt, if there are recordings."""
-    from beltid.stage import STAGES
-    from beltid.stages import steps  # noqa: F401  (registers the stages)
-
     data, friction = source.config.data, folder / "friction.parquet"
     wanted: dict[str, dict[str, Path]] = {}
     if data.press is not None and (folder / "stiffness.parquet").exists():
         wanted["press-curves"] = {"frame": data.press}
     if data.rig is not None and friction.exists():
         wanted["rig-curves"] = {"frame": data.rig, "friction": friction}
-    for name, files in wanted.items():
-        stage = STAGES[name]
+    for stage, files in ((STAGES[name], files) for name, files in wanted.items()):
         try:
             stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)
         except BeltidError as error:

@@ -33,6 +33,7 @@ from beltid.stages.inputs import (
     shown,
     standard_uncertainties,
     surface_from,
+    that_hold,
 )
 from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.stages.surface import NEEDED
@@ -43,11 +44,6 @@ from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source, SurfaceUn
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)  # of the paper's 5PK belt, before any measurement
 MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
 MOST_STATEMENTS: Final = 6
-COLUMNS: Final = (
-    *("order", "arc_deg", "initial_tension_N", "pulley_speed_rad_s", "repeat", "repeats"),
-    *("start_minutes", "gain_percent", "slip_speed_m_s", "normal_force_N_m", "based_on"),
-    "needed_for",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,42 +58,36 @@ def planned(
     surface: Any, law: Any, config: Config, friction: Any, runs: int, goal_u: float
 ) -> Outcome[PlannedRuns]:
     """Plan from what is known: the surface, the law, the noise of reduced runs."""
-    problems = [] if runs >= 1 else [f"--runs = {runs}, must be >= 1"]
-    if not 0.0 <= goal_u < 1.0:
-        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
-    if problems:
+    if problems := that_hold(
+        (runs < 1, f"--runs = {runs}, must be >= 1"),
+        (not 0.0 <= goal_u < 1.0, f"--goal-u = {goal_u:g}, must be in [0, 1)"),
+    ):
         raise InputError(problems)
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
         set_by = beside.columns
-    points, notes = _settings(config, set_by)
+    points, assumed = _settings(config, set_by)
     known = None if surface is None else _known_surface(surface)
-    if law is None:
-        notes.append("no data: contact law of the paper's 5PK belt")
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
-    arcs_deg = [float(np.degrees(point.beta)) for point in points]
-    sources = sources_of_plan(known, stated, arcs_deg)
-    if known is None:
-        notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
-    elif other := known.stated_otherwise(stated):
-        notes.append(f"used as stated when the surface was made: {', '.join(other)}")
+    sources = sources_of_plan(known, stated, [float(np.degrees(p.beta)) for p in points])
+    other = [] if known is None else known.stated_otherwise(stated)
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
-    if noise_of is None:
-        size = f"{100.0 * noise.friction:g} % of mu and {noise.tension:g} N"
-        notes.append(f"assumed noise of a run: {size}; --from friction.parquet states it")
     log.info("%d candidates, simulated with the present surface", len(points))
+    bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
     try:
-        bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
         rows, measured, curves = simulate_candidates(
             bench, press, points, known, sources, noise, columns, kind
         )
     except ConvergenceError as error:
-        where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
-        raise ConvergenceError(error.at(where)) from error
-    force, speed = (
-        (float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)
+        raise ConvergenceError(
+            error.at(
+                "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
+            )
+        ) from error
+    target = surface_target(
+        curves,
+        *((float(x.min()), float(x.max())) for x in (measured.normal_force, measured.slip_speed)),
     )
-    target = surface_target(curves, force, speed)
     plan = choose_plan(
         knowledge_at(curves, known, len(sources)),
         rows,
@@ -111,8 +101,21 @@ def planned(
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
     session = _session(plan, points, measured, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
-    if (session["pulley_speed_rad_s"] < 0.0).any():
-        notes.append("runs with a negative speed tell the gain of the load cells from friction")
+    notes = that_hold(
+        (assumed, f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"),
+        (law is None, "no data: contact law of the paper's 5PK belt"),
+        (known is None, "no data: mu from 0.7 to 1.5 with usual slopes over force and speed"),
+        (other, f"used as stated when the surface was made: {', '.join(other)}"),
+        (
+            noise_of is None,
+            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
+            "--from friction.parquet states it",
+        ),
+        (
+            (session["pulley_speed_rad_s"] < 0.0).any(),
+            "runs with a negative speed tell the gain of the load cells from friction",
+        ),
+    )
     return Outcome(
         session,
         PlannedRuns(plan, target),
@@ -146,7 +149,7 @@ def planned(
 
 
 def _settings(config: Config, friction: Columns | None) -> tuple[list[OperatingPoint], list[str]]:
-    """Return the possible settings of the rig, and a note on those that are assumed."""
+    """Return the possible settings of the rig, and those that are assumed, in words."""
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
         found = measured_settings(friction, config)
@@ -159,8 +162,7 @@ def _settings(config: Config, friction: Columns | None) -> tuple[list[OperatingP
         if not of_plan and measured is None and key not in config.rig.model_fields_set
     ]
     lists = (tuple(of or values) for of, values in zip(stated, fallbacks, strict=True))
-    notes = [f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"] if assumed else []
-    return settings_of_rig(*lists), notes
+    return settings_of_rig(*lists), assumed
 
 
 def _thinned(values: Sequence[float]) -> list[float]:
@@ -171,19 +173,20 @@ def _thinned(values: Sequence[float]) -> list[float]:
 
 
 def _known_surface(surface: Any) -> SurfaceUncertainty:
-    """Return the known surface of an artifact or a result."""
     if not isinstance(surface, (Artifact, Outcome)) or surface.kind != "surface":
-        allowed = "the result of refine_surface or build_surface, which has a covariance"
-        raise ArgumentTypeError(f"surface = {shown(surface)}, must be {allowed}")
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be the result of refine_surface or build_surface, "
+            "which has a covariance"
+        )
     found, stored = surface_from(surface), surface.facts.get("uncertainty")
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
-    sources = tuple(Source(**row) for row in stored["sources"])
+    n = len(stored["sources"])
     return SurfaceUncertainty(
         surface=found,
-        sources=sources,
-        changes=found.factor[..., : len(sources)],
-        scatter=found.factor[..., len(sources) :],
+        sources=tuple(Source(**row) for row in stored["sources"]),
+        changes=found.factor[..., :n],
+        scatter=found.factor[..., n:],
         arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
         noise_scale=surface.facts.get("noise_over_stated_errors") or 1.0,
     )
@@ -197,57 +200,54 @@ def _noise(
         return NoiseLaw(scale=scale), {}
     ok, rig = valid_rows(friction, np.flatnonzero(ok_rows(friction))), config.rig_params()
     runs = measured_runs(friction, ok, rig.R, rig_kind(config), rig.given_force)
-    columns = {key: float(np.mean(change)) for key, change in runs.columns.items()}
-    return noise_law(runs, scale), columns
+    return noise_law(runs, scale), {k: float(np.mean(change)) for k, change in runs.columns.items()}
 
 
 def _session(
-    plan: Plan,
-    points: Sequence[OperatingPoint],
-    measured: Measured,
-    config: Config,
-    based_on: str,
+    plan: Plan, points: Sequence[OperatingPoint], measured: Measured, config: Config, based_on: str
 ) -> dict[str, np.ndarray]:
     """Return the columns of the plan, with a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in points]
-    section = config.plan
-    session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
-    rows = []
-    for order, scheduled in enumerate(session, start=1):
-        run, like = scheduled.run, scheduled.run % measured.mu.size
-        arc, tension, speed = ways[run]
-        rows.append(
-            (
-                *(order, round(float(np.degrees(arc)), 9), tension, speed),
-                *(scheduled.repeat, scheduled.repeats, scheduled.start_minutes),
-                100.0 * max(plan.gains[run], 0.0),
-                *(measured.slip_speed[like], measured.normal_force[like]),
-                *(based_on, plan.needed.get(run, "")),
-            )
-        )
-    return {name: np.array([row[k] for row in rows]) for k, name in enumerate(COLUMNS)}
+    session = schedule(
+        plan.chosen, ways, config.plan.minutes_per_run, config.plan.minutes_per_arc_change
+    )
+    runs = [scheduled.run for scheduled in session]
+    like = np.array(runs, dtype=int) % measured.mu.size
+    arcs, tensions, speeds = np.array([ways[run] for run in runs]).reshape(-1, 3).T
+    return {
+        "order": np.arange(1, len(runs) + 1),
+        "arc_deg": np.array([round(float(np.degrees(arc)), 9) for arc in arcs]),
+        "initial_tension_N": tensions,
+        "pulley_speed_rad_s": speeds,
+        "repeat": np.array([scheduled.repeat for scheduled in session]),
+        "repeats": np.array([scheduled.repeats for scheduled in session]),
+        "start_minutes": np.array([scheduled.start_minutes for scheduled in session]),
+        "gain_percent": np.array([100.0 * max(plan.gains[run], 0.0) for run in runs]),
+        "slip_speed_m_s": measured.slip_speed[like],
+        "normal_force_N_m": measured.normal_force[like],
+        "based_on": np.array([based_on] * len(runs)),
+        "needed_for": np.array([plan.needed.get(run, "") for run in runs]),
+    }
 
 
 def _size(source: Source) -> str:
     """Format the standard uncertainty of a source; one known only from the data has no figure."""
-    if source.basis == FITTED and source.error not in EFFECT_SOURCES:
-        return "by the data"
-    return f"{source.shown:.3g} {source.unit}"
+    by_data = source.basis == FITTED and source.error not in EFFECT_SOURCES
+    return "by the data" if by_data else f"{source.shown:.3g} {source.unit}"
 
 
 def _verdict(plan: Plan, goal_u: float) -> str:
-    """State whether to continue or to stop, and why."""
     before, after, goal = 100.0 * plan.before, 100.0 * plan.after, 100.0 * goal_u
-    if plan.stop is None:
-        reached = f"goal {goal:g} % {'reached' if after <= goal else 'not reached'}"
-        change = f"uncertainty of mu {before:.3g} % -> {after:.2g} %"
-        return f"{counted(len(plan.chosen), 'run')}: {change}, {reached}"
-    if plan.stop == "goal reached":
-        return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
-    if plan.stop == "runs do not help":
-        return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
     text = f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs"
     if best := plan.best_statement:
-        halved = f"halving the uncertainty of {best.source.name} would help most"
-        text += f"; {halved} and give {100.0 * best.halved:.2g} % in place of {before:.2g} %"
-    return text
+        text += (
+            f"; halving the uncertainty of {best.source.name} would help most and give "
+            f"{100.0 * best.halved:.2g} % in place of {before:.2g} %"
+        )
+    return {
+        None: f"{counted(len(plan.chosen), 'run')}: uncertainty of mu {before:.3g} % -> "
+        f"{after:.2g} %, goal {goal:g} % {'reached' if after <= goal else 'not reached'}",
+        "goal reached": f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %",
+        "runs do not help": "stop: further runs hardly lower the uncertainty of mu, "
+        f"{before:.2g} %",
+    }.get(plan.stop, text)

@@ -51,14 +51,10 @@ def run(
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
     belts = [OnPage(folder, recordings_of(folder)) for folder in folders]
-    pages = {belt.folder / NAME: [belt] for belt in belts}
-    if len(belts) == 1:
-        pages = {out or folders[0] / NAME: belts}
-    else:
-        above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
-        pages[out or above / NAME] = belts
-    made = [write_page(of, p, mark_to_write(of, p, force=force)) for p, of in pages.items()]
-    return made[-1]
+    pages = {belt.folder / NAME: [belt] for belt in belts if len(belts) > 1}
+    above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
+    pages[out or (above if pages else folders[0]) / NAME] = belts
+    return [write_page(of, p, mark_to_write(of, p, force=force)) for p, of in pages.items()][-1]
 
 
 def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
@@ -68,10 +64,9 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
         if len(belts) > 1:
             page = belts_page(results, links_to(belts, out), mark)
         else:
-            (result,) = results
-            profiles, problems = arc_profiles(result.sheets)
-            problems = [*result.problems, *problems]
-            results = [replace(result, profiles=profiles, problems=tuple(problems))]
+            profiles, problems = arc_profiles(results[0].sheets)
+            problems = [*results[0].problems, *problems]
+            results = [replace(results[0], profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
         write_bytes(out, sealed(page).encode())
         facts = {
@@ -123,15 +118,15 @@ def gather(belt: OnPage) -> BeltResults:
     problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
     refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
     for name in [name for name in CURVES if name in shown]:
-        of_chain = [artifact for other, artifact in shown.items() if other not in CURVES]
-        if lines := misfits([*of_chain, shown[name]]):
+        if lines := misfits([*(shown[n] for n in shown if n not in CURVES), shown[name]]):
             problems += lines
             del shown[name]
     if not shown:
-        nothing = f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
-        raise ArtifactError(problems or nothing)
-    settings = (artifact.record.settings.get("belt") for artifact in shown.values())
-    stated = next(filter(None, settings), None)
+        raise ArtifactError(
+            problems
+            or f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
+        )
+    stated = next(filter(None, (of.record.settings.get("belt") for of in shown.values())), None)
     return BeltResults(
         belt=belt.folder.resolve().name,
         sheets=shown,
@@ -159,20 +154,18 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[dict[str, Any], ...
     settings, found = simulated.record.settings, list[dict[str, Any]]()
     if "rig" not in settings:  # made in Python: the bench is not known
         return (), []
+    of_bench = {name: of for name, of in settings.items() if name in ("belt", "rig", "contact")}
     try:
-        # the bench of the simulated recording
-        sections = ("belt", "rig", "contact")
-        config = load_config({name: settings[name] for name in sections if name in settings})
-        law = stiffness.law(stiffness.pooled_row)
+        config, law = load_config(of_bench), stiffness.law(stiffness.pooled_row)
         bench = bench_of(as_measured(config, friction), surface.surface, law)
         names = ("arc_deg", "initial_tension_N", "slip_speed_m_s")
         for row in typical_runs(friction.columns):
-            settings = {name: float(friction[name][row]) for name in names}
-            arc, tension, speed = settings.values()
+            of_run = {name: float(friction[name][row]) for name in names}
+            arc, tension, speed = of_run.values()
             point = OperatingPoint(math.radians(arc), tension, speed / bench.rig.R)
             run = simulate(bench, point, SimulationSettings(method="steady"))
             profile = {name: np.asarray(x, dtype=float) for name, x in run.profile.items()}
-            found.append({**profile, **settings, "mean_force_N_m": run.normal_force_N_m})
+            found.append({**profile, **of_run, "mean_force_N_m": run.normal_force_N_m})
     except BeltidError as error:
         return tuple(found), [f"the contact along the arc: {line}" for line in error.problems]
     return tuple(found), []

@@ -64,7 +64,6 @@ KEYS: Final = {
     "pulley_speed_rad_s": "pulley_speeds_rad_s",
 }
 """Column of a setting in the friction table -> its list in the section `rig`."""
-OPTIONS: Final = ("--arc", "--tension", "--speed")
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")  # sliding
 PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
@@ -88,8 +87,9 @@ class PlannedRun:
     @property
     def point(self) -> OperatingPoint:
         """The settings in SI units."""
-        arc = math.radians(self.arc_deg)
-        return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
+        return OperatingPoint(
+            math.radians(self.arc_deg), self.initial_tension_N, self.pulley_speed_rad_s
+        )
 
 
 Results = Mapping[PlannedRun, RunResult | BeltidError]  # in the order of the campaign
@@ -180,11 +180,13 @@ def planned_runs(
         keys = ", ".join(f"rig.{key}" for key in KEYS.values())
         raise InputError(f"no usable run has an arc, a tension at rest and a speed; state {keys}")
     problems, wanted = list[str](), []
-    for option, values, of, gap in zip(OPTIONS, picked, lists, SAME_SETTING.values(), strict=True):
+    for option, values, of, gap in zip(
+        ("--arc", "--tension", "--speed"), picked, lists, SAME_SETTING.values(), strict=True
+    ):
         near = {value: _same_setting(np.array(of), value, gap) for value in values}
-        known = listed([f"{setting:.4g}" for setting in of])
         problems += [
-            f"{option} = {value:g}, must be one of those of the campaign: {known}"
+            f"{option} = {value:g}, must be one of those of the campaign: "
+            f"{listed([f'{setting:.4g}' for setting in of])}"
             for value, found in near.items()
             if not found
         ]
@@ -215,7 +217,7 @@ def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list
 def measured_settings(friction: Columns, config: Config) -> np.ndarray:
     """Return the settings of the usable runs, each combination once, without small scatter."""
     settings = with_tensions(friction, config)
-    rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
+    rows = np.abs(np.column_stack([np.asarray(settings[name], dtype=float) for name in KEYS]))
     rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]
     snapped = [nominal_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
     return np.unique(np.column_stack(snapped), axis=0)
@@ -227,10 +229,9 @@ def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[floa
     for k, (name, key) in enumerate(KEYS.items()):
         values = list(getattr(config.rig, key))
         if measured is not None:
-            occurring, stated = np.unique(measured[:, k]), key in config.rig.model_fields_set
-            near = [
-                _same_setting(occurring, value, SAME_SETTING[name]) or [value] for value in values
-            ]
+            occurring, gap = np.unique(measured[:, k]), SAME_SETTING[name]
+            near = (_same_setting(occurring, value, gap) or [value] for value in values)
+            stated = key in config.rig.model_fields_set
             values = [x for found in near for x in found] if stated else occurring.tolist()
         lists.append(list(dict.fromkeys(values)))
     return lists
@@ -251,11 +252,10 @@ def simulation_settings(
     config: Config, method: str | None = None, elements: int | None = None
 ) -> SimulationSettings:
     """Return the settings of the simulation from the call, else from the config."""
-    section = config.simulation
     return SimulationSettings(
-        method=cast(Method, method or section.method),
-        elements=section.elements if elements is None else elements,
-        friction_solver=section.friction_solver,
+        method=cast(Method, method or config.simulation.method),
+        elements=config.simulation.elements if elements is None else elements,
+        friction_solver=config.simulation.friction_solver,
     )
 
 
@@ -278,10 +278,10 @@ def simulate(
     results: dict[PlannedRun, RunResult | BeltidError] = {}
     by_setting: dict[tuple[float, float], list[PlannedRun]] = {}
     for run in runs:
-        by_setting.setdefault((run.point.beta, run.point.T_0), []).append(run)
+        by_setting.setdefault((run.arc_deg, run.initial_tension_N), []).append(run)
     belts = list(by_setting.values())
+    calls = [(bench, [run.point for run in belt], settings) for belt in belts]
     with progress("simulated runs", len(runs)) as advance:
-        calls = [(bench, [run.point for run in belt], settings) for belt in belts]
         for number, part in workers.as_ended(runs_of_one_belt, calls):
             for run, result in zip(belts[number], part, strict=True):
                 results[run] = result
@@ -293,8 +293,9 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
     """Return a note on the assumed guidance of a dead weight and its effect; empty without one."""
     if config.rig.kind != "dead_weight":
         return []
-    belt, rig = config.belt_params(), config.rig_params()
-    spans = Spans(belt.EI, rig.span)  # a guided end adds their turn to the arc, a free one does not
+    rig = config.rig_params()
+    # a guided end adds the turn of the spans to the arc, a free one does not
+    spans = Spans(config.belt_params().EI, rig.span)
     share = max(float(spans.turn(point.T_0, rig.R)) / point.beta for point in points)
     return [
         f"a dead weight that swings, not guided, makes mu lower by up to {percent(100 * share)}"
@@ -309,13 +310,13 @@ def recording_columns(
     for run, result in runs:
         recorded = result.recording or _two_levels(run, result, config)
         n = len(recorded["time_s"])
-        constant = {
+        of_run = {
+            **recorded,
             "run": np.full(n, run.label, dtype=object),
             "temperature_degC": np.full(n, np.nan),
             "arc_deg": np.full(n, run.arc_deg),
             "initial_tension_N": np.full(n, run.initial_tension_N),
         }
-        of_run = {**recorded, **constant}
         parts.append({name: of_run[name] for name in schemas.table("simulated").names})
     return joined(parts)
 
@@ -342,8 +343,10 @@ def _uncertainty(
 ) -> tuple[RunsUncertainty | None, list[str]]:
     """Return the uncertainty of simulated runs; a note if it stays unknown."""
     numbers, arcs = numbered_arcs([run.arc_deg for run in good], stored.get("arcs_deg", ()))
-    stated = stated_sources(standard_uncertainties(config), SURFACE, len(arcs))
-    sources = with_sources([Source(**row) for row in stored.get("sources", ())], stated)
+    sources = with_sources(
+        [Source(**row) for row in stored.get("sources", ())],
+        stated_sources(standard_uncertainties(config), SURFACE, len(arcs)),
+    )
     points, kind, calls = [run.point for run in good], rig_kind(config), []
     tensions = np.array([(run.tension_tight_N, run.tension_slack_N) for run in good.values()]).T
     for piece in (slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)):
@@ -386,8 +389,7 @@ class SimulatedRun:
 
     def __repr__(self) -> str:
         shown = [(self.settings, name) for name in SETTINGS] + [(self, name) for name in STATE]
-        values = ", ".join(f"{name}={getattr(of, name):.6g}" for of, name in shown)
-        return f"SimulatedRun({values})"
+        return f"SimulatedRun({', '.join(f'{n}={getattr(of, n):.6g}' for of, n in shown)})"
 
 
 def simulate_rig(
@@ -439,8 +441,8 @@ def simulate_rig(
     run = _checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
     if elements is not None and not is_number(elements):
         raise InputError(f"elements = {elements!r}, must be a whole number, even and >= 4")
-    settings = simulation_settings(model, method, elements)
-    result = simulate(bench_of(model, surface, law), [run], settings, Workers())[run]
+    settings, bench = simulation_settings(model, method, elements), bench_of(model, surface, law)
+    result = simulate(bench, [run], settings, Workers())[run]
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(run, result, model, *(float(getattr(result, name)) for name in STATE))
@@ -495,7 +497,10 @@ def simulate_campaign(
 
     model = as_measured(load_config(config), friction)
     measured = None if friction is None else friction_columns(friction, tuple(KEYS))
-    runs = planned_runs(model, measured)
-    settings = simulation_settings(model, method, elements)
-    results = simulate(bench_of(model, surface, law), runs, settings, threads(jobs))
+    results = simulate(
+        bench_of(model, surface, law),
+        planned_runs(model, measured),
+        simulation_settings(model, method, elements),
+        threads(jobs),
+    )
     return pd.DataFrame(rows_of_runs(results)).astype(dict.fromkeys(STATE, float))

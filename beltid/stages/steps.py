@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid import stages
+from beltid.stage import STAGES as STAGES
 from beltid.stage import Outcome, stage
+from beltid.store.artifact import read_artifact
 
 ConfigLike = Any
 OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
@@ -218,17 +220,10 @@ def refine_surface(
     return stages.surface.refined(friction, law, config, chosen, workers)
 
 
-def _campaign_file(**options: Any) -> str:
-    part = any(options[name] for name in ("arc", "tension", "speed"))
-    return "simulated_part.parquet" if part else "simulated.parquet"
-
-
 def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
     if "friction" in files:  # as in the chain, where nothing heavy is imported
         return files
-    from beltid.store.artifact import read_artifact
-
     friction = stages.inputs.friction_of(read_artifact(files["surface"], "surface"))
     return files if friction is None else {**files, "friction": friction.path}
 
@@ -236,7 +231,9 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
 @stage(
     "simulate-rig",
     makes="simulated",
-    file=_campaign_file,
+    file=lambda arc, tension, speed, **_: (
+        "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
+    ),
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
     finds=_friction_beside,
@@ -284,9 +281,8 @@ def simulate_recording(
     --------
     beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
-    picked = arc or (), tension or (), speed or ()
-    workers = workers or stages.workers.threads(jobs)
-    return stages.rig.simulated(surface, law, friction, config, picked, method, workers)
+    picked, pool = (arc or (), tension or (), speed or ()), workers or stages.workers.threads(jobs)
+    return stages.rig.simulated(surface, law, friction, config, picked, method, pool)
 
 
 @stage(
@@ -372,9 +368,8 @@ def cross_validate(
     --------
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
-    by = by or config.cross_validate.by
-    workers = workers or stages.workers.threads(jobs)
-    return stages.compare.predicted_runs(friction, law, config, by, workers)
+    by, pool = by or config.cross_validate.by, workers or stages.workers.threads(jobs)
+    return stages.compare.predicted_runs(friction, law, config, by, pool)
 
 
 @stage(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -40,6 +40,7 @@ from beltid.stages.inputs import (
     press_law,
     span,
     standard_uncertainties,
+    that_hold,
 )
 from beltid.stages.rig import guided_weight, refuse_running
 from beltid.stages.workers import Workers
@@ -91,23 +92,24 @@ def published(
     """Build the surface of every arc and their average from the usable runs of one condition."""
     columns = friction_columns(friction, MEASURED)
     with at(friction):
-        good = np.flatnonzero(ok_rows(columns))
+        n, good = len(columns["arc_deg"]), np.flatnonzero(ok_rows(columns))
         if good.size == 0:
-            n = len(columns["arc_deg"])
             raise InputError(f"none of its {n} runs has the status ok, at least one is needed")
         good = rows_of_one(columns, good, chosen)
         direct = not np.isfinite(columns["arc_deg"][good]).any()
         if direct:
-            columns = {**columns, "arc_deg": np.full(len(columns["arc_deg"]), NO_ARC_DEG)}
+            columns = {**columns, "arc_deg": np.full(n, NO_ARC_DEG)}
         result = published_from(columns, good)
     rig, used = config.rig_params(), valid_rows(columns, good)
-    measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
-    stated = StandardUncertainties() if direct else standard_uncertainties(config)
-    uncertainty = published_uncertainty(measured, result.average, stated)
+    uncertainty = published_uncertainty(
+        measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force),
+        result.average,
+        StandardUncertainties() if direct else standard_uncertainties(config),
+    )
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     facts, tables, notes = said_of_surface(result.surface, columns, good, ranges, uncertainty)
-    table = result.to_columns()
-    arc_deg, spread = table["arc_deg"], result.rms_arc_spread
+    table, spread = result.to_columns(), result.rms_arc_spread
+    arc_deg = table["arc_deg"]
     return Outcome(
         {**table, **uncertainty.columns(arc_deg.size)},
         result,
@@ -138,8 +140,7 @@ def rows_of_one(columns: Columns, rows: np.ndarray, chosen: Mapping[str, str | N
         labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
         counts = Counter("not stated" if label is None else str(label) for label in labels)
         there = ", ".join(f"{label} ({counted(n, 'run')})" for label, n in sorted(counts.items()))
-        wanted = chosen.get(column)
-        if wanted is not None:
+        if (wanted := chosen.get(column)) is not None:
             rows = rows[labels == wanted]
             if not rows.size:
                 raise InputError(f"no run has the {column} {wanted}; there are {there}")
@@ -156,11 +157,15 @@ def said_of_surface(
     uncertainty: SurfaceUncertainty,
 ) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
     """Return facts, tables and notes of any surface; `ranges`: forces and speeds of the runs."""
-    stated = {name: columns[name][rows[0]] for name in CONDITIONS if name in columns}
-    stated = {name: str(word) for name, word in stated.items() if word is not None}
-    force, speed = (span(values) for values in ranges)
+    stated = {
+        name: str(columns[name][rows[0]])
+        for name in CONDITIONS
+        if name in columns and columns[name][rows[0]] is not None
+    }
+    force, speed = map(span, ranges)
     assert force is not None
     extra = uncertainty.extra(force)
+    formulas, notes = _friction_formulas(surface, uncertainty.factor)
     facts = {
         "degree": surface.degree,
         "force_nodes": surface.normal_force_N_m.size,
@@ -172,7 +177,6 @@ def said_of_surface(
         "uncertainty": extra["uncertainty"],
         **({"conditions": stated} if stated else {}),
     }
-    formulas, notes = _friction_formulas(surface, uncertainty.factor)
     return facts, {"budget": extra["budget"], "friction_formulas": formulas}, notes
 
 
@@ -180,13 +184,13 @@ def _friction_formulas(
     surface: FrictionSurface, factor: np.ndarray
 ) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
     """Fit parametric friction laws to the nodes, `factor` (nf, nv, r): rows of a table, notes."""
-    force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
-    nodes = force.ravel(), speed.ravel(), surface.mu_nodes.ravel()
+    grid = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    force, speed, mu = (values.ravel() for values in (*grid, surface.mu_nodes))
     try:
-        laws = fit_friction_laws(*nodes, factor.reshape(force.size, -1))
+        laws = fit_friction_laws(force, speed, mu, factor.reshape(mu.size, -1))
     except BeltidError as error:
         return [], (f"No friction formula for the surface: {error}",)
-    rows = [
+    return [
         {
             "law": fit.law,
             "parameters": ", ".join(map(_parameter, fit.parameters)),
@@ -196,8 +200,7 @@ def _friction_formulas(
             "formula": fit.formula,
         }
         for fit in laws.fits
-    ]
-    return rows, (laws.verdict, *laws.notes)
+    ], (laws.verdict, *laws.notes)
 
 
 def _parameter(p: Any) -> str:
@@ -223,16 +226,19 @@ class Refinement:
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
-        misfits = {"before": self.refined.misfit_before, "after": self.refined.misfit_after}
+        before, after = self.refined.misfit_before, self.refined.misfit_after
         groups = {f"arc {arc:g}°": self.arcs_deg == arc for arc in np.unique(self.arcs_deg)}
-        rows = []
-        for name, of in {"all runs": np.full(self.arcs_deg.size, True), **groups}.items():
-            row: dict[str, Any] = {"group": name, "runs": int(np.count_nonzero(of))}
-            for when, misfit in misfits.items():
-                row[f"rms_{when}_percent"] = 100.0 * float(np.sqrt(np.mean(misfit[of] ** 2)))
-                row[f"mean_{when}_percent"] = 100.0 * float(np.mean(misfit[of]))
-            rows.append(row)
-        return rows
+        return [
+            {
+                "group": name,
+                "runs": int(np.count_nonzero(of)),
+                "rms_before_percent": 100.0 * float(np.sqrt(np.mean(before[of] ** 2))),
+                "mean_before_percent": 100.0 * float(np.mean(before[of])),
+                "rms_after_percent": 100.0 * float(np.sqrt(np.mean(after[of] ** 2))),
+                "mean_after_percent": 100.0 * float(np.mean(after[of])),
+            }
+            for name, of in {"all runs": np.full(self.arcs_deg.size, True), **groups}.items()
+        ]
 
     def arc_spread(self, misfit: np.ndarray) -> float:
         """Return the standard deviation of the arcs' mean misfits [-]; nan for a single arc."""
@@ -242,8 +248,9 @@ class Refinement:
 
 def with_covariance(found: RefinedSurface) -> FrictionSurface:
     """Return a refined surface with its covariance by source."""
-    names = [source.name for source in found.uncertainty.sources]
-    return found.surface.with_covariance(found.uncertainty.factor, names)
+    return found.surface.with_covariance(
+        found.uncertainty.factor, [source.name for source in found.uncertainty.sources]
+    )
 
 
 def refined(
@@ -258,16 +265,15 @@ def refined(
     with at(friction):
         campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
-    n_arcs = int(measured.arc.max()) + 1
-    stated = stated_sources(standard_uncertainties(config), SURFACE, n_arcs)
-    shared = (*stated, *reduction_sources(measured.columns))
-    calls = [(campaign, speeds, shared, reference)]
-    (found,) = (workers or Workers()).run(refine_surface, calls)
+    stated = stated_sources(
+        standard_uncertainties(config), SURFACE, n_arcs=int(measured.arc.max()) + 1
+    )
+    call = (campaign, speeds, (*stated, *reduction_sources(measured.columns)), reference)
+    (found,) = (workers or Workers()).run(refine_surface, [call])
     runs, arcs = tuple(str(columns["run"][i]) for i in used), columns["arc_deg"][used]
     result = Refinement(found, runs, arcs, shown_effects(found))
     ranges = measured.normal_force, measured.slip_speed
     facts, tables, notes = said_of_surface(found.surface, columns, used, ranges, found.uncertainty)
-    spread = [100.0 * result.arc_spread(x) for x in (found.misfit_before, found.misfit_after)]
     return Outcome(
         _table(result, columns["slip_speed_m_s"][used]),
         result,
@@ -276,8 +282,8 @@ def refined(
             "iterations": found.iterations,
             "noise_over_stated_errors": found.noise_scale,
             "effective_parameters": found.effective_parameters,
-            "arc_to_arc_spread_before_percent": spread[0],
-            "arc_to_arc_spread_after_percent": spread[1],
+            "arc_to_arc_spread_before_percent": 100.0 * result.arc_spread(found.misfit_before),
+            "arc_to_arc_spread_after_percent": 100.0 * result.arc_spread(found.misfit_after),
             "method": "refined",
             "reference_temperature_degC": reference,
             **facts,
@@ -316,14 +322,21 @@ def prepared_campaign(
     good, set_aside = usable_runs(columns, rig)
     good = rows_of_one(columns, good, chosen)
     if good.size < 4:
-        reasons = Counter(row["why"] for row in set_aside)
-        why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
+        reasons = Counter(row["why"] for row in set_aside).most_common(REASONS)
+        why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons)
         raise InputError(f"{counted(good.size, 'run')} can be used, at least 4 are needed{why}")
     start = published_from(columns, good).surface
-    measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
-    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
-    speeds = _speeds(start.slip_speed_m_s, np.abs(columns["slip_speed_m_s"][good]))
-    return Campaign(measured, bench, press), speeds, good, set_aside
+    campaign = Campaign(
+        measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force),
+        Bench(config.belt_params(), rig, config.contact_params(), press.law, start),
+        press,
+    )
+    # the speeds that are published, and those that are left out there
+    published, v = start.slip_speed_m_s, np.abs(columns["slip_speed_m_s"][good])
+    far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
+    label = settings_of(far, SETTING_GAP)
+    speeds = np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
+    return campaign, speeds, good, set_aside
 
 
 def rig_of_runs(columns: Columns, config: Config) -> Rig:
@@ -335,34 +348,22 @@ def rig_of_runs(columns: Columns, config: Config) -> Rig:
         )
     refuse_running(config)
     rig = config.rig_params()
-    initial = np.asarray(columns["initial_tension_N"], dtype=float)
-    if rig.given_force == "none" and not np.isfinite(initial).any():
-        return replace(rig, given_force="hub")
-    return rig
+    known = np.isfinite(np.asarray(columns["initial_tension_N"], dtype=float)).any()
+    return replace(rig, given_force="hub") if rig.given_force == "none" and not known else rig
 
 
 def usable_runs(columns: Columns, rig: Rig) -> tuple[np.ndarray, list[dict[str, Any]]]:
     """Return the usable rows, and the others with the reason."""
-    needed = (*MEASURED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
     status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
     why = np.where(status == "ok", "", status).astype(object)
-    for key in needed:
+    for key in (*MEASURED, "initial_tension_N") if rig.given_force == "none" else MEASURED:
         value = np.asarray(columns[key], dtype=float)
         why[(why == "") & np.isnan(value)] = f"{key} is not known"
         for i in np.flatnonzero((why == "") & ~((value > 0.0) & (value < math.inf))):
             why[i] = f"{key} = {value[i]:g}, must be > 0"
-    aside = np.flatnonzero(why != "")
-    rows = [{"run": str(columns["run"][i]), "why": str(why[i])} for i in aside]
-    return np.flatnonzero(why == ""), rows
-
-
-def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the speeds of the refined surface [m/s]: those published, and those left out there."""
-    far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
-    if far.size == 0:
-        return published
-    label = settings_of(far, SETTING_GAP)
-    return np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
+    return np.flatnonzero(why == ""), [
+        {"run": str(columns["run"][i]), "why": str(why[i])} for i in np.flatnonzero(why != "")
+    ]
 
 
 def reference_temperature(config: Config, campaign: Campaign) -> float | None:
@@ -381,7 +382,7 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     surface = result.refined.surface
     forces, speeds, n = surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes.size
     nearest = np.argmin(np.abs(np.log(run_speed[:, None] / speeds)), axis=1)
-    arcs = [np.unique(result.arcs_deg[nearest == k]).size for k in range(speeds.size)]
+    n_arcs = [np.unique(result.arcs_deg[nearest == k]).size for k in range(speeds.size)]
     assert surface.mu_se_nodes is not None
     return {
         "arc_deg": np.full(n, np.nan),
@@ -389,50 +390,70 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
         "slip_speed_m_s": np.tile(speeds, forces.size),
         "mu": surface.mu_nodes.ravel(),
         "mu_se": surface.mu_se_nodes.ravel(),
-        "n_arcs": np.tile(np.array(arcs), forces.size),
+        "n_arcs": np.tile(np.array(n_arcs), forces.size),
         "mu_spread": np.full(n, np.nan),
         **result.refined.uncertainty.columns(n),
     }
 
 
-def _disagreement(result: Refinement) -> Iterator[str]:
-    """Yield what no surface explains: effects, scatter, errors larger than stated, outliers."""
+def _disagreement(result: Refinement) -> list[str]:
+    """Return what no surface explains: effects, scatter, errors larger than stated, outliers."""
     found, scale = result.refined, result.refined.noise_scale
-    for effect in result.effects:
-        if effect.is_clear:
-            what, meaning = EFFECTS[effect.key]
-            of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
-            size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
-            digits = max(0, 1 - math.floor(math.log10(u)))
-            change = f"{size:+.{digits}f} ± {u:.{digits}f} %"
-            yield f"friction changes by {change}{of} ({what}): {meaning}"
-    if scale > MOST_NOISE:
-        most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
-        yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
-    for key, usual in found.runs.unusual_effects(found.posterior).items():
-        shown = f"standard deviation {percent(100 * usual)}"
-        yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
-    for name, size in contradictions(found).items():
-        yield f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
-    for k in np.flatnonzero(found.weight < 0.5):
-        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
+    unusual = found.runs.unusual_effects(found.posterior).items()
+    return [
+        *(_change(effect) for effect in result.effects if effect.is_clear),
+        *that_hold(
+            (
+                scale > MOST_NOISE,
+                f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
+                f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it",
+            )
+        ),
+        *(
+            f"{EFFECTS[key][0]}: larger than usual (standard deviation {percent(100 * usual)}); "
+            "the simulated rig may not fit"
+            for key, usual in unusual
+        ),
+        *(
+            f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
+            for name, size in contradictions(found).items()
+        ),
+        *(
+            f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
+            for k in np.flatnonzero(found.weight < 0.5)
+        ),
+    ]
 
 
-def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
-    """Yield notes on effects that the runs cannot tell from the surface, or from others."""
-    confounded = [effect for effect in effects if effect.is_confounded]
-    hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
-    if hidden:
-        yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"
-    if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
-        yield f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"
+def _change(effect: ShownEffect) -> str:
+    what, meaning = EFFECTS[effect.key]
+    of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
+    size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
+    digits = max(0, 1 - math.floor(math.log10(u)))
+    return f"friction changes by {size:+.{digits}f} ± {u:.{digits}f} %{of} ({what}): {meaning}"
 
 
-def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
-    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
+def _unclear(effects: tuple[ShownEffect, ...]) -> list[str]:
+    """Return notes on effects that the runs cannot tell from the surface, or from others."""
+    hidden = [
+        f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
+        for effect in effects
+        if effect.is_confounded
+    ]
+    large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
+    return that_hold(
+        (hidden, f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"),
+        (large, f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"),
+    )
+
+
+def _bending_stiffness(found: RefinedSurface) -> list[str]:
+    """Return a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
-        if source.error == "bending_stiffness":
-            stated = f"{EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis})"
-            shown = f"{EI * (1 + source.size * error):.4g} N m² ± {100 * source.size * sd:.2g} %"
-            yield f"bending stiffness: {stated}; with the runs it would be {shown}"
+    return [
+        f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); with the "
+        f"runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
+        f"{100 * source.size * sd:.2g} %"
+        for source, error, sd in zip(found.stated, *found.stated_errors, strict=True)
+        if source.error == "bending_stiffness"
+    ]

@@ -10,33 +10,25 @@ one of them was made from is given, or stated by another, with another content.
 
 from __future__ import annotations
 
-import io
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from beltid.errors import ArtifactError
 from beltid.store.disk import read_bytes, sha256, write_bytes
-from beltid.store.parquet import (
-    arrow_table,
-    columns_of_arrow,
-    columns_sha256,
-    damaged,
-    normalised,
-    open_parquet,
-)
-from beltid.tables import schemas
+
+if TYPE_CHECKING:
+    import numpy as np
 
 RECORD_KEY: Final = b"beltid_record"
 SEAL_KEY: Final = b"beltid_seal"
 EARLIER_KEY: Final = b"beltid"  # of the metadata in files of earlier versions, which are not read
 
-SEVERAL: Final = ("surface", "simulated", "compare")  # published and refined, with its own name
+RECORDINGS: Final = ("press", "rig", "speedloss")
 Origin = Literal["measured", "synthetic"]  # of the data
 
 
@@ -92,15 +84,15 @@ class Artifact:
     @property
     def name(self) -> str:
         """Kind of the table, and whether it comes from the refined surface."""
-        refined = (
+        refined = self.kind in ("surface", "simulated", "compare") and (
             self.facts.get("method") == "refined" or "surface_refined" in self.record.ancestors
         )
-        return f"{self.kind}_refined" if self.kind in SEVERAL and refined else self.kind
+        return f"{self.kind}_refined" if refined else self.kind
 
     @property
     def recordings(self) -> set[tuple[str, str]]:
         """Name and SHA-256 of the recordings that it was made from."""
-        return {pair for pair in self.record.ancestors.items() if pair[0] in schemas.RECORDINGS}
+        return {pair for pair in self.record.ancestors.items() if pair[0] in RECORDINGS}
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -115,18 +107,19 @@ class Artifact:
 
 def plain(value: Any) -> Any:
     """Convert a value to plain JSON types; nan and infinity become null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    if isinstance(value, (str, int)) or value is None:
-        return value
-    if isinstance(value, Path):
-        return str(value)
+    if hasattr(value, "tolist"):  # an array or a number of numpy
+        value = value.tolist()
+    match value:
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain(item) for item in value]
+        case float():
+            return value if math.isfinite(value) else None
+        case str() | int() | None:
+            return value
+        case Path():
+            return str(value)
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
     raise TypeError(f"{type(value).__name__} cannot be stored in a record")
@@ -150,31 +143,14 @@ def write_artifact(path: Path, columns: Mapping[str, Any], record: Record) -> Ar
 
 def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "artifact") -> bytes:
     """Return the bytes of an artifact; `name` is for messages."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from beltid.store.parquet import normalised, parquet_bytes, seal
+    from beltid.tables.schemas import TABLES
 
-    table = schemas.table(record.kind)
+    table = TABLES[record.kind]
     values = normalised(columns, table, name)
-    stated = plain({**asdict(record), "version": table.version})
+    stated = plain(asdict(record) | {"version": table.version})
     text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
-    sealed = arrow_table(values, table).replace_schema_metadata(
-        {RECORD_KEY: text, SEAL_KEY: _seal(text, values)}
-    )
-    buffer = io.BytesIO()
-    pq.write_table(
-        sealed,
-        pa.PythonFile(buffer, mode="w"),
-        version="2.6",
-        compression="zstd",
-        compression_level=3,
-        use_dictionary=[name for name in values if table.column(name).dtype == "string"],
-        write_page_checksum=True,
-    )
-    return buffer.getvalue()
-
-
-def _seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
-    return sha256(text + columns_sha256(columns).encode()).encode()
+    return parquet_bytes(values, table, {RECORD_KEY: text, SEAL_KEY: seal(text, values)})
 
 
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
@@ -184,6 +160,9 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Read an artifact from the bytes of its file; see `read_artifact`."""
+    from beltid.store.parquet import columns_of_arrow, damaged, open_parquet, seal
+    from beltid.tables.schemas import TABLES
+
     needed = "" if kind is None else f", a {kind} artifact is needed; {_command(kind)} writes one"
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (not a Parquet file){needed}")
@@ -191,13 +170,15 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     stored = file.metadata.metadata or {}
     if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
-            again = _command(kind_in(data) or kind or "")
-            raise ArtifactError(f"{path}: written by an earlier version; {again} makes it again")
+            raise ArtifactError(
+                f"{path}: written by an earlier version; {_command(kind_in(data) or kind or '')} "
+                "makes it again"
+            )
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{needed}")
     text = stored[RECORD_KEY]
     try:
         record = Record(**json.loads(text))
-        table = schemas.table(record.kind)
+        table = TABLES[record.kind]
     except (ValueError, TypeError, KeyError):
         raise ArtifactError(f"{path}: damaged, or of another version of beltid{needed}") from None
     if kind not in (None, record.kind):
@@ -211,7 +192,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         columns = columns_of_arrow(file.read(use_threads=False), table)
     except Exception as error:  # a damaged file can raise almost any error
         raise ArtifactError(f"{path}: {damaged(error)}") from None
-    if _seal(text, columns) != stored[SEAL_KEY]:
+    if seal(text, columns) != stored[SEAL_KEY]:
         raise ArtifactError(f"{path}: damaged: record and numbers do not match their checksum")
     return Artifact(columns, record, path, sha256(data))
 
@@ -234,7 +215,9 @@ def kind_in(data: bytes) -> str | None:
 
 
 def _command(kind: str) -> str:
-    return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"
+    from beltid.tables.schemas import TABLES
+
+    return f"`{TABLES[kind].command if kind in TABLES else 'beltid'}`"
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
@@ -261,13 +244,12 @@ def misfits(artifacts: Sequence[Artifact]) -> list[str]:
 
 
 def _line(artifact: Artifact, name: str, other: Artifact) -> str:
-    made_by, what = artifact.record.made_by, "artifact"
-    command = f"beltid {made_by}" if made_by else schemas.table(artifact.kind).command
-    if name in schemas.RECORDINGS:
-        what = "recording"
+    made_by = artifact.record.made_by
+    command = f"beltid {made_by}" if made_by else _command(artifact.kind).strip("`")
     if artifact.kind == "simulated" and other.kind == "friction":
         command += f" --from {other.path}"
     return (
-        f"{artifact.path}: was made from another {name} {what} than {other.path}; `{command}` "
-        "makes it again, `beltid run` all results of the belt"
+        f"{artifact.path}: was made from another {name} "
+        f"{'recording' if name in RECORDINGS else 'artifact'} than {other.path}; "
+        f"`{command}` makes it again, `beltid run` all results of the belt"
     )

@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import os
-import platform
-import re
-import secrets
 import stat
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +20,6 @@ from beltid.errors import ArtifactError, InputError
 
 MAX_BYTES: Final = 1 << 30
 STALE_AFTER_S: Final = 3600.0
-HOST: Final = re.sub(r"\W", "", platform.node())[:32] or "host"
 FOREIGN: Final = "a file that beltid did not write"
 OURS: Final = ""
 ONLY_SHOW: Final = ("cli", "report", "__main__.py")  # parts that cannot change a result
@@ -63,13 +58,15 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Write a file: no reader ever sees a part of it, and on a failure an earlier one stays."""
     target = Path(os.path.realpath(path))  # a link keeps pointing where it points
-    writer = f"{HOST}.{os.getpid()}.{secrets.token_hex(4)}"
-    temporary = target.with_name(f".{target.name}.{writer}.beltid-tmp")
+    temporary = target.with_name(f".{target.name}.{os.urandom(8).hex()}.beltid-tmp")
     try:
         if os.path.lexists(target) and not target.is_file():
             raise ArtifactError(f"{path}: not written: this is not an ordinary file")
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_stale(target.parent)
+        for rest in target.parent.glob(".*.beltid-tmp"):  # of writers that were killed
+            with contextlib.suppress(OSError):
+                if time.time() - rest.stat().st_mtime > STALE_AFTER_S:
+                    rest.unlink()
         with temporary.open("xb") as file:
             file.write(data)
             file.flush()
@@ -86,21 +83,6 @@ def _reason(error: OSError | ValueError) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def _remove_stale(folder: Path) -> None:
-    """Remove temporary files of processes of this machine that ended, and those of an hour ago."""
-    for path in folder.glob(".*.beltid-tmp"):
-        with contextlib.suppress(OSError, ValueError):
-            host, pid = path.name.split(".")[-4:-2]
-            stale = time.time() - path.stat().st_mtime > STALE_AFTER_S
-            try:
-                if host == HOST:
-                    os.kill(int(pid), 0)
-            except ProcessLookupError:
-                stale = True
-            if stale:
-                path.unlink()
-
-
 def check_place(
     out: Path,
     endings: tuple[str, ...],
@@ -115,7 +97,12 @@ def check_place(
     only with force; `inputs`, by what they are, never.
     """
     for what, path in (inputs or {}).items():
-        if _same_file(path, out):
+        there = os.path.exists(out) and os.path.exists(path)
+        if (
+            os.path.samefile(path, out)
+            if there
+            else os.path.realpath(path) == os.path.realpath(out)
+        ):
             raise InputError(f"{out}: is the {what}, name another --out")
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
@@ -136,15 +123,10 @@ def check_place(
         raise ArtifactError(f"{out}: not written: no permission to write in {folder}")
 
 
-def _same_file(path: Path, other: Path) -> bool:
-    try:
-        return os.path.samefile(path, other)
-    except OSError:  # one of the files does not exist
-        return os.path.realpath(path) == os.path.realpath(other)
-
-
 def sha256(data: bytes | memoryview) -> str:
     """Compute the SHA-256 of some bytes, as 64 hexadecimal digits."""
+    import hashlib
+
     return hashlib.sha256(data).hexdigest()
 
 
@@ -152,10 +134,10 @@ def sha256(data: bytes | memoryview) -> str:
 def source_sha256(*, of_page: bool = False) -> str:
     """Return the SHA-256 of all sources here that can change a result, or a report page."""
     suffixes, but = ((".py", ".j2", ".css", ".js"), ("cli",)) if of_page else ((".py",), ONLY_SHOW)
-    package, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
+    package, found = Path(__file__).resolve().parents[1], list[bytes]()
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         if path.suffix in suffixes and name.parts[0] not in but:
             content = path.read_bytes().replace(b"\r\n", b"\n")
-            digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
-    return digest.hexdigest()
+            found.append(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    return sha256(b"".join(found))

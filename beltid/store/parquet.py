@@ -6,17 +6,18 @@ The sizes that a file claims are checked before anything is read.
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from beltid.errors import ArtifactError, InputError
+from beltid.store.disk import sha256
 from beltid.tables.schemas import Column, Table
 from beltid.tables.values import absent, floats, is_missing, outside
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MAX_CELLS: Final = 500_000_000
 MAX_EXPANSION: Final = 20_000  # cells per byte of file; constant columns compress well
@@ -24,8 +25,6 @@ MAX_EXPANSION: Final = 20_000  # cells per byte of file; constant columns compre
 
 def open_parquet(data: bytes, name: str, error_type: type[InputError]) -> Any:
     """Open the bytes of a Parquet file, if it can hold what it claims; `name` is for messages."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
     def opened(texts: list[str]) -> Any:
         return pq.ParquetFile(
@@ -65,16 +64,17 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
         raise ValueError(f"a {table.kind} table: missing or unknown columns {unfit}")
     of_schema = [column for column in table.columns if column.name in columns]
     values = {column.name: _typed(columns[column.name], column) for column in of_schema}
-    problems = [line for c in of_schema for line in _problems(values[c.name], c, name)]
-    if problems:
+    if problems := [line for c in of_schema for line in _problems(values[c.name], c, name)]:
         raise ArtifactError(problems)
     return values
 
 
 def _typed(values: Any, column: Column) -> np.ndarray:
     if column.dtype == "string":
-        texts = [c if type(c) is str else None if is_missing(c) else str(c) for c in values]
-        return np.array(texts, dtype=object)
+        return np.array(
+            [c if type(c) is str else None if is_missing(c) else str(c) for c in values],
+            dtype=object,
+        )
     if column.dtype == "list":
         rows = [None if is_missing(row) else np.ravel(row) for row in values]
         length = column.length or max((len(row) for row in rows if row is not None), default=0)
@@ -101,23 +101,41 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     ]
 
 
-def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
+def arrow_table(values: Mapping[str, Any], table: Table) -> pa.Table:
     """Create an Arrow table of normalised columns; nan becomes null, fields carry their units."""
-    import pyarrow as pa
-
     arrays, fields = [], []
     for name, cells in values.items():
         column = table.column(name)
+        kind = pa.list_(pa.float64()) if column.dtype == "list" else pa.type_for_alias(column.dtype)
         if column.dtype == "list":
-            kind = pa.list_(pa.float64())
-            lists = [None if np.isnan(row).any() else row.tolist() for row in cells]
-            arrays.append(pa.array(lists, kind))
-        else:
-            kind = pa.type_for_alias(column.dtype)
-            arrays.append(pa.array(cells, kind, from_pandas=True))
-        about = {"unit": column.unit, "meaning": column.meaning}
-        fields.append(pa.field(name, kind, metadata=about))
+            cells = [None if np.isnan(row).any() else row.tolist() for row in cells]
+        arrays.append(pa.array(cells, kind, from_pandas=True))
+        fields.append(
+            pa.field(name, kind, metadata={"unit": column.unit, "meaning": column.meaning})
+        )
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def parquet_bytes(
+    values: Mapping[str, np.ndarray], table: Table, metadata: Mapping[bytes, bytes]
+) -> bytes:
+    """Return the bytes of a Parquet file with normalised columns and metadata."""
+    buffer = io.BytesIO()
+    pq.write_table(
+        arrow_table(values, table).replace_schema_metadata(metadata),
+        pa.PythonFile(buffer, mode="w"),
+        version="2.6",
+        compression="zstd",
+        compression_level=3,
+        use_dictionary=[name for name in values if table.column(name).dtype == "string"],
+        write_page_checksum=True,
+    )
+    return buffer.getvalue()
+
+
+def seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
+    """Return the seal over a record and the columns of its table."""
+    return sha256(text + columns_sha256(columns).encode()).encode()
 
 
 def columns_of_arrow(arrow: pa.Table, table: Table) -> dict[str, np.ndarray]:

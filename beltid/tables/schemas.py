@@ -13,7 +13,6 @@ import re
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-DType = Literal["float64", "int64", "bool", "string", "list"]
 RANGE: Final = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
 LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
 
@@ -28,7 +27,7 @@ class Column:
     """
 
     name: str
-    dtype: DType
+    dtype: Literal["float64", "int64", "bool", "string", "list"]
     unit: str
     meaning: str
     nullable: bool = False
@@ -54,8 +53,7 @@ def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str
         return "finite"
     if math.isinf(high):
         return f"{'>' if open_low else '>='} {low:g}"
-    left, right = "[("[open_low], "])"[open_high]
-    return f"in {left}{low:g}, {high:g}{right}"
+    return f"in {'[('[open_low]}{low:g}, {high:g}{'])'[open_high]}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +68,7 @@ class Table:
 
     def column(self, name: str) -> Column:
         """Return a column by name; KeyError if there is none."""
-        for column in self.columns:
-            if column.name == name:
-                return column
-        raise KeyError(f"a {self.kind} table has no column {name}")
+        return {column.name: column for column in self.columns}[name]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -374,11 +369,13 @@ def rig_table(
     optional |= {"belt_speed_m_s"} if running else set()
     if measures != "two_cells" or running:  # only two cells at a belt at rest need it
         optional.add("initial_tension_N")
-    columns = [
-        replace(c, required=c.name in required, nullable=c.nullable or c.name in optional)
-        if c.name in {*required, *optional}
-        else c
-        for c in TABLES["rig"].columns
-        if c.name in {*required, *optional} or c.name not in CHANNELS
-    ]
-    return replace(TABLES["rig"], columns=tuple(columns))
+    return replace(
+        TABLES["rig"],
+        columns=tuple(
+            replace(c, required=c.name in required, nullable=c.nullable or c.name in optional)
+            if c.name in {*required, *optional}
+            else c
+            for c in TABLES["rig"].columns
+            if c.name in {*required, *optional} or c.name not in CHANNELS
+        ),
+    )

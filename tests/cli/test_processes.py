@@ -14,7 +14,7 @@ import pytest
 MAIN = "from beltid.cli import main; main()"
 PROGRAM = """
 import ctypes, os, signal, sys, time
-from beltid.cli.process import hear_signals, if_stopped
+from beltid.cli.execute import hear_signals, if_stopped
 number = signal.Signals[sys.argv[1]]
 signal.signal(number, signal.default_int_handler)
 hear_signals()
@@ -67,7 +67,7 @@ def test_a_signal_ends_the_program_wherever_it_comes(
 
 def test_an_ignored_signal_stays_ignored() -> None:
     code = (
-        "import os, signal; from beltid.cli.process import hear_signals\n"
+        "import os, signal; from beltid.cli.execute import hear_signals\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN); hear_signals()\n"
         "os.kill(os.getpid(), signal.SIGHUP); print('went on')"
     )

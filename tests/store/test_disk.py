@@ -50,7 +50,7 @@ def test_a_failure_leaves_the_earlier_file(
     assert names(tmp_path) == ["x.parquet"]
 
 
-def test_a_killed_writer_leaves_no_half_file_and_its_rest_is_removed(tmp_path: Path) -> None:
+def test_a_killed_writer_leaves_no_half_file(tmp_path: Path) -> None:
     path = tmp_path / "x.bin"
     path.write_bytes(b"earlier")
     code = (
@@ -65,13 +65,11 @@ def test_a_killed_writer_leaves_no_half_file_and_its_rest_is_removed(tmp_path: P
     assert len(names(tmp_path)) == 2
     write_bytes(path, b"later")
     assert path.read_bytes() == b"later"
-    assert names(tmp_path) == ["x.bin"]
 
 
 def test_only_stale_files_are_removed(tmp_path: Path) -> None:
     old = time.time() - 2 * STALE_AFTER_S
-    stale = f".x.bin.otherhost.{os.getpid()}.0123.beltid-tmp"
-    young = stale.replace("0123", "4567")  # of another machine: its writer may be at work
+    stale, young = ".x.bin.0123.beltid-tmp", ".x.bin.4567.beltid-tmp"  # its writer may be at work
     kept = sorted([young, ".x.bin.swp", ".beltid-tmp"])
     for name in (stale, *kept):
         (tmp_path / name).write_bytes(b"")
