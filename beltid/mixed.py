@@ -37,6 +37,7 @@ NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 LEAST_CURVED = 1e-4  # least magnitude of a curvature there, in units of its diagonal
 SMALLEST = -300.0  # ln of a size, whose inverse square is still a number
+UPHILL = 1e3  # added to the largest cost found where none can be computed
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 
 
@@ -201,10 +202,19 @@ class Mixed:
         if not free.any():
             return self.at({})
 
+        costs = list[float]()
+
         def cost(x: Array) -> tuple[float, Array]:
             theta[free] = x
-            posterior, slope = self._evaluate(theta)
-            return -posterior.log_evidence, -slope[free]
+            try:
+                posterior, slope = self._evaluate(theta)
+            except NumericsError:
+                if not costs:
+                    raise
+                # a trial so far off that the covariance is singular: the search steps back
+                return max(costs) + UPHILL, np.zeros(x.size)
+            costs.append(-posterior.log_evidence)
+            return costs[-1], -slope[free]
 
         # not of every size: a box that is closed all around lets the first step go anywhere
         lowest = self.mid - np.divide(FAR, self.tightness, out=np.zeros(free.size), where=free)

@@ -108,6 +108,28 @@ def test_the_sizes_found_are_the_largest_density_and_obey_a_limit() -> None:
     assert held.sizes["noise"] == pytest.approx(0.4)
 
 
+def test_sizes_far_off_that_have_no_covariance_are_stepped_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    x, tried = np.linspace(0.0, 1.0, 40), list[float]()
+    y = np.random.default_rng(3).normal(scale=0.2, size=40) + x
+    line = [Shared("line", np.column_stack([np.ones(40), x]))]
+    model = Mixed(y, line, [Own("noise", Size(1.0, 2.0), diagonal=np.ones(40))])
+    expected, evaluate = model.fit().sizes["noise"], Mixed._evaluate
+
+    def second_fails(model: Mixed, theta: np.ndarray) -> tuple:
+        tried.append(float(theta[0]))
+        if len(tried) == 2:
+            raise NumericsError("singular")
+        return evaluate(model, theta)
+
+    monkeypatch.setattr(Mixed, "_evaluate", second_fails)
+    assert model.fit().sizes["noise"] == pytest.approx(expected, rel=1e-4)
+    monkeypatch.setattr(Mixed, "_evaluate", evaluate)
+    with pytest.raises(NumericsError, match="flat"):  # but not where it starts
+        Mixed(y, [Shared("twice", np.ones((40, 2)))], model.own).fit()
+
+
 def test_choices_are_averaged_with_their_probabilities() -> None:
     noise = [Own("noise", Size(0.5), diagonal=SD[0])]
     choices = ((0.01, 0.9), (2.0, 0.1))
