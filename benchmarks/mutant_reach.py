@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import gc
+import os
 import pickle
 import resource
+import signal
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from typing import Any, Final
 
 import coverage
 import hypothesis
+import numba
 import pytest
 
 OPTIONS: Final = (
@@ -25,33 +28,39 @@ MEMORY_BYTES: Final = 8 * 2**30
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Seconds of each test that passes; the tests that run a line of a file (0: any line)."""
+    """Processor seconds of each test that passes; tests that run a line of a file (0: any)."""
 
     seconds: dict[str, float]
-    tests: dict[tuple[str, int], frozenset[str]]
+    tests: dict[tuple[str, int], set[str]]
 
     def of(self, path: Path, lines: Iterable[int]) -> list[str]:
         """Tests that reach one of these lines, the fastest first."""
         found = {t for n in lines for t in self.tests.get((str(path), n), ())}
         return sorted(found & self.seconds.keys(), key=self.seconds.__getitem__)
 
-    def of_import(self, path: Path, root: Path) -> list[str]:
+    def of_import(self, path: Path) -> list[str]:
         """Tests that run a function of a module, or of one that imports from it by name."""
         module = ".".join(path.with_suffix("").parts)
         users = [
-            p.relative_to(root)
-            for p in (root / path.parts[0]).rglob("*.py")
-            if f"from {module} import" in p.read_text("utf-8")
+            user
+            for user in Path(path.parts[0]).rglob("*.py")
+            if f"from {module} import" in user.read_text("utf-8")
         ]
         found = {t for p in [path, *users] for t in self.of(p, [0])}
         return sorted(found, key=self.seconds.__getitem__)
 
+    @staticmethod
+    def read(path: Path) -> Reach:
+        """What `trace` wrote."""
+        return Reach(*pickle.loads(path.read_bytes()))
+
 
 class _Tracer:
-    """A plugin of pytest: the lines each test runs, and how long the test takes."""
+    """A plugin of pytest: how long each test takes and, where it is traced, the lines it runs."""
 
-    def __init__(self, measured: coverage.Coverage) -> None:
-        self.measured, self.seconds, self.failed = measured, dict[str, float](), set[str]()
+    def __init__(self, measured: coverage.Coverage | None, slowest: float) -> None:
+        self.seconds, self.failed, self.slowest = dict[str, float](), set[str](), slowest
+        self.switch = measured.switch_context if measured else str
         self.cached: list[Any] = []
 
     def pytest_collection_finish(self) -> None:
@@ -63,21 +72,26 @@ class _Tracer:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         for one in self.cached:
             one.cache_clear()
-        self.measured.switch_context(item.nodeid)
-        return (yield)
+        self.switch(item.nodeid)
+        begin = sum(os.times()[:4])
+        signal.setitimer(signal.ITIMER_PROF, self.slowest)
+        try:
+            return (yield)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            self.seconds[item.nodeid] = sum(os.times()[:4]) - begin
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any, request: Any) -> Iterator[None]:
         """What a shared fixture runs is reached by all tests of its file."""
         if fixturedef.scope == "function":
             return (yield)
-        self.measured.switch_context(f"{request.node.nodeid.split('::')[0]}::")
+        self.switch(f"{request.node.nodeid.split('::')[0]}::")
         result = yield
-        self.measured.switch_context(request._pyfuncitem.nodeid)
+        self.switch(request._pyfuncitem.nodeid)
         return result
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if not report.passed:
             self.failed.add(report.nodeid)
 
@@ -93,36 +107,55 @@ class _Chosen:
         items.sort(key=lambda i: self.place[i.nodeid])
 
 
-def trace(folders: list[str], left_out: tuple[str, ...], result: Path) -> bool:
-    """Run the tests of these folders and write their `Reach`, without those that fail."""
+def trace(
+    files: list[str], known: list[str], left_out: tuple[str, ...], slowest: float, result: Path
+) -> bool:
+    """Run tests and write their `Reach`, without those that fail or take longer than `slowest`.
+
+    With no `known` ones all tests of the files run, untraced; else the known ones, fastest first.
+    """
     _repeatable()
+    signal.signal(signal.SIGPROF, _too_slow)
     measured = coverage.Coverage(data_file=None, source=["beltid"], config_file=False)
-    tracer = _Tracer(measured)
-    measured.start()
-    pytest.main([*OPTIONS, *folders], plugins=[tracer])
-    measured.stop()
-    data, reached = measured.get_data(), dict[tuple[str, int], set[str]]()
+    tracer = _Tracer(measured if known else None, slowest)
+    if known:
+        measured.start()
+    pytest.main([*OPTIONS, *files], plugins=[tracer, *([_Chosen(known)] if known else [])])
     seconds = {
         test: spent
-        for test, spent in tracer.seconds.items()
+        for test, spent in sorted(tracer.seconds.items(), key=lambda item: item[1])
         if test not in tracer.failed and not any(name in test for name in left_out)
     }
-    for file in data.measured_files():
-        path = str(Path(file).relative_to(Path.cwd()))
-        for line, contexts in data.contexts_by_lineno(file).items():
-            for test in contexts:
-                whole = test.endswith("::")
-                tests = {t for t in seconds if t.startswith(test)} if whole else {test} - {""}
-                reached.setdefault((path, line), set()).update(tests)
-                reached.setdefault((path, 0), set()).update(tests)
-    found = Reach(seconds, {place: frozenset(tests) for place, tests in reached.items()})
-    result.write_bytes(pickle.dumps(found))
+    reached = dict[tuple[str, int], set[str]]()
+    if known:
+        measured.stop()
+        data = measured.get_data()
+        for file in data.measured_files():
+            path = str(Path(file).relative_to(Path.cwd()))
+            for line, contexts in data.contexts_by_lineno(file).items():
+                for test in contexts:
+                    whole = test.endswith("::")
+                    tests = {t for t in seconds if t.startswith(test)} if whole else {test} - {""}
+                    reached.setdefault((path, line), set()).update(tests)
+                    reached.setdefault((path, 0), set()).update(tests)
+    result.write_bytes(pickle.dumps((seconds, reached)))
     return bool(seconds)
 
 
-def trial(tests: list[str]) -> bool:
+def _too_slow(*_: Any) -> None:
+    raise TimeoutError
+
+
+def compiled(kernels: bool) -> None:
+    """Whether kernels are compiled, here and in processes that start, or are plain Python."""
+    os.environ["NUMBA_DISABLE_JIT"] = str(int(not kernels))
+    numba.config.reload_config()
+
+
+def trial(tests: list[str], limit_s: int) -> bool:
     """Whether all these tests pass; in a process that has not imported the package yet."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
     sys.dont_write_bytecode = True
     _repeatable()
     files = sorted({test.split("::")[0] for test in tests})

@@ -1,26 +1,29 @@
 """Mutation testing of the science: small faults are put in, and the tests must see them.
 
-    python -m benchmarks.mutants [--seconds 1800] [--seed 1] [--rooms laws identify]
-                                 [--only MODULE] [--test-seconds 10]
+    python -m benchmarks.mutants [--mutants 50] [--seed 1] [--test-seconds 10] [--root TREE]
+                                 [ROOM ...]
 
-A sample of all single changes to comparisons, signs, operators, numbers and conditions of a room is
-tried one by one in a copy of the project. A trial runs only the tests that reach the changed line,
-the fastest first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at
-the first failure; it is a fork of a process that has imported the libraries already. Changes to
-what runs at import (constants, defaults) are held against the tests that run any function of the
-module or of one that imports from it. mutmut does the same for whole packages, but it runs modules
-from rewritten copies whose functions the compiler of the kernels cannot compile; so this is its
-small stand-in.
+A ROOM is one of those below, or is stated as these are, ``name: sources: tests``, each a list of
+patterns, which lets a tree of other rooms be measured with the same draws. A sample of all single
+changes to comparisons, signs, operators, numbers and conditions of the sources is tried one by one
+in a copy of the project. A trial runs only the tests that reach the changed line, the fastest
+first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at the first
+failure; it is a fork of a process that has imported the libraries already. Changes to what runs at
+import (constants, defaults) are held against the tests that run any function of the module or of
+one that imports from it. Compiled kernels hide from tracing, and a compiler takes seconds: the
+rooms that have kernels are tried as plain Python, without the tests that then take too long.
+mutmut does the same for whole packages, but it runs modules from rewritten copies whose functions
+the compiler of the kernels cannot compile; so this is its small stand-in.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import gc
 import importlib
 import os
-import pickle
 import random
 import shutil
 import signal
@@ -34,17 +37,23 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
-from benchmarks.mutant_places import Mutant, mutants_of
-from benchmarks.mutant_reach import Reach, trace, trial
+from benchmarks.mutant_places import Mutant, mutant, number_of_places
+from benchmarks.mutant_reach import Reach, compiled, trace, trial
 
 ROOT: Final = Path(__file__).parents[1]
-COPIED: Final = ("beltid", "tests", "rigdata", "pyproject.toml")
-TESTS: Final = {
-    "laws": ["tests/laws"],
-    "identify": ["tests/identify"],
-    "refine": ["tests/refine"],
-    "uncertainty": ["tests/uncertainty"],
+COPIED: Final = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
+IDENTIFY: Final = "tests/test_mixed.py tests/identify"
+ROOMS: Final = {
+    "laws": "beltid/laws/*.py: tests/laws",
+    "rig": "beltid/rig/*.py: tests/rig",
+    "mixed": f"beltid/mixed.py: {IDENTIFY}",
+    "friction": f"beltid/identify/friction/*.py: {IDENTIFY}",
+    "refine": "beltid/refine/*.py: tests/refine",
+    "drive": "beltid/drive/*.py: tests/drive",
 }
+KERNELS: Final = ("rig", "drive")
+"""Rooms with compiled functions."""
+LONGEST_S: Final = 3600.0
 TIMED: Final = ("_take_less_than_", "_seconds")
 """Tests of speed: a busy machine, not a fault, would fail them."""
 WARM: Final = (
@@ -61,7 +70,7 @@ WARM: Final = (
 )
 
 
-def forked(work: Callable[[], bool], limit_s: float) -> str:
+def forked(work: Callable[[], bool]) -> str:
     """The end of some work in a process of its own: passed, failed or endless."""
     child = os.fork()
     if child == 0:
@@ -73,95 +82,103 @@ def forked(work: Callable[[], bool], limit_s: float) -> str:
             good = work()
         finally:
             os._exit(0 if good else 1)
-    end = time.monotonic() + limit_s
-    while time.monotonic() < end:
+    begin = time.monotonic()
+    while time.monotonic() - begin < LONGEST_S:
         done, status = os.waitpid(child, os.WNOHANG)
+        if done and os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL:
+            return "endless"  # its processor time was over
         if done:
-            return "passed" if status == 0 else "failed"
+            return "failed" if status else "passed"
         time.sleep(0.01)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return "endless"
 
 
-def outcome(mutant: Mutant, reach: Reach, test_seconds: float = float("inf")) -> str:
+def outcome(tried: Mutant, reach: Reach, test_seconds: float) -> str:
     """Whether the tests see a mutant: seen, endless (seen, too), survived or not reached."""
-    tests = reach.of(mutant.path, mutant.lines)
-    if not tests and any((str(mutant.path), line) in reach.tests for line in mutant.lines):
-        tests = reach.of_import(mutant.path, Path.cwd())
+    tests = reach.of(tried.path, tried.lines)
+    if not tests and any((str(tried.path), line) in reach.tests for line in tried.lines):
+        tests = reach.of_import(tried.path)
     if not tests:
         return "not reached"
     spent = list(accumulate(reach.seconds[t] for t in tests))
     tests = tests[: max(bisect_right(spent, test_seconds), 1)]
-    original, times = mutant.path.read_bytes(), mutant.path.stat()
-    mutant.path.write_text(mutant.text, "utf-8")
-    limit = 30.0 + 8.0 * spent[len(tests) - 1]
+    original, times = tried.path.read_bytes(), tried.path.stat()
+    tried.path.write_text(tried.text, "utf-8")
     try:
-        end = forked(lambda: trial(tests), limit)
+        end = forked(lambda: trial(tests, 15 + round(4.0 * spent[len(tests) - 1])))
     finally:
-        mutant.path.write_bytes(original)
-        os.utime(mutant.path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        tried.path.write_bytes(original)
+        os.utime(tried.path, ns=(times.st_atime_ns, times.st_mtime_ns))
     return {"passed": "survived", "failed": "seen"}.get(end, end)
 
 
-def try_room(room: str, found: list[Mutant], seconds: float, test_seconds: float) -> None:
-    """Trace the tests of a room, try its mutants until the time is over, and tell the score."""
-    result = Path("reach.pickle")
+@functools.cache
+def traced(tests: tuple[str, ...], slowest: float) -> Reach:
+    """What the tests reach: of those that pass, run once to compile and once to be traced."""
+    result, reach = Path("reach.pickle"), Reach({}, {})
+    for _ in range(2):
+        work = functools.partial(trace, [*tests], list(reach.seconds), TIMED, slowest, result)
+        if forked(work) != "passed":
+            sys.exit(f"{tests}: they cannot be traced")
+        reach = Reach.read(result)
+    return reach
+
+
+def try_room(room: str, sources: str, tests: str, asked: argparse.Namespace) -> None:
+    """Trace the tests of a room, try a sample of its mutants, and tell the score."""
     begin = time.monotonic()
-    if forked(lambda: trace(TESTS[room], TIMED, result), 3600.0) != "passed":
-        sys.exit(f"{room}: the tests cannot be traced")
-    reach: Reach = pickle.loads(result.read_bytes())
-    everything = sorted(reach.seconds, key=reach.seconds.__getitem__)
-    if forked(lambda: trial(everything), 3600.0) != "passed":
-        sys.exit(f"{room}: tests fail without a mutant")
+    slowest = asked.test_seconds if room in KERNELS else 0.0
+    files = tuple(str(p) for pattern in tests.split() for p in sorted(Path().glob(pattern)))
+    reach = traced(files, slowest)
     print(
-        f"{room}: {len(everything)} tests, traced in {time.monotonic() - begin:.0f} s", flush=True
+        f"{room}: {len(reach.seconds)} tests, traced in {time.monotonic() - begin:.0f} s",
+        flush=True,
     )
+    modules = [p for pattern in sources.split() for p in sorted(Path().glob(pattern))]
+    places = [(path, number) for path in modules for number in range(number_of_places(path))]
+    chosen = random.Random(asked.seed).sample(places, min(asked.mutants, len(places)))
     counted, begin = Counter[str](), time.monotonic()
-    for mutant in found:
-        if time.monotonic() - begin > seconds:
-            break
-        end = outcome(mutant, reach, test_seconds)
+    for path, number in chosen:
+        one = mutant(path, number)
+        end = outcome(one, reach, asked.test_seconds)
         counted[end] += 1
-        if end in ("survived", "not reached"):
-            print(f"{end} {mutant.name}", flush=True)
-    tried, seen = sum(counted.values()), counted["seen"] + counted["endless"]
+        print(f"  {end} {one.name}", flush=True)
+    seen = counted["seen"] + counted["endless"]
     print(
-        f"{room}: {seen} of {tried} tried seen ({100 * seen / max(tried, 1):.1f} %), of which"
-        f" {counted['endless']} by their endless run; {counted['survived']} survived,"
-        f" {counted['not reached']} not reached; {len(found)} possible;"
+        f"{room}: {seen} of {len(chosen)} tried seen ({100 * seen / max(len(chosen), 1):.1f} %),"
+        f" of which {counted['endless']} by their endless run; {counted['survived']} survived,"
+        f" {counted['not reached']} not reached; {len(places)} possible;"
         f" {time.monotonic() - begin:.0f} s",
         flush=True,
     )
 
 
 def main() -> None:
-    """Try a sample and tell the score and what survived."""
+    """Try a sample of each room; tell the score and what survived."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=1800.0, help="for each room")
+    parser.add_argument("rooms", nargs="*", default=list(ROOMS), metavar="ROOM")
+    parser.add_argument("--mutants", type=int, default=50, help="of each room")
     parser.add_argument("--test-seconds", type=float, default=10.0, help="of a trial, at most")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rooms", nargs="*", choices=TESTS, default=["laws", "identify"])
-    parser.add_argument("--only", default="", help="modules whose path has this in it")
+    parser.add_argument("--root", type=Path, default=ROOT, help="of the tree that is tried")
     asked = parser.parse_args()
     for module in WARM:
         importlib.import_module(module)
     gc.freeze()  # else every trial looks through all of them
     with tempfile.TemporaryDirectory(prefix="beltid-mutants-") as folder:
         for name in COPIED:
-            place = Path(folder, name)
-            copy: Callable[..., object] = (
-                shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
-            )
-            copy(ROOT / name, place)
+            source = asked.root / name
+            copy: Callable[..., object] = shutil.copytree if source.is_dir() else shutil.copy2
+            copy(source, Path(folder, name))
         sys.path.insert(0, folder)
         with contextlib.chdir(folder):
-            for room in asked.rooms:
-                modules = sorted(Path(folder, "beltid", room).glob("*.py"))
-                modules = [m for m in modules if asked.only in m.name]
-                found = [m for p in modules for m in mutants_of(p, Path(folder))]
-                random.Random(asked.seed).shuffle(found)
-                try_room(room, found, asked.seconds, asked.test_seconds)
+            for stated in asked.rooms:
+                room, *places = stated.split(":")
+                sources, tests = places or ROOMS[room].split(":")
+                compiled(room not in KERNELS)
+                try_room(room, sources, tests, asked)
 
 
 if __name__ == "__main__":
