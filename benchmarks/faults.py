@@ -199,10 +199,7 @@ FAULTS = {
     "writer of an artifact killed (SIGKILL) at a random moment": (kills_of_a_writer, 200),
     "disk full (a file system of 192 KiB) while an artifact is written": (full_disk, 200),
     "one bit of an artifact flipped, and the artifact read": (flipped_bits, 2000),
-    "`beltid run` with its workers killed (SIGKILL) at a random moment, then run again": (
-        kills_of_the_chain,
-        30,
-    ),
+    "`beltid run` with its workers killed (SIGKILL), then run again": (kills_of_the_chain, 30),
     "two `beltid run` of different configs on one folder at the same time": (two_at_once, 5),
 }
 

@@ -1,7 +1,7 @@
 """Mutation testing of the science: small faults are put in, and the tests must see them.
 
-    python -m benchmarks.mutants [--mutants 50] [--seed 1] [--test-seconds 10] [--root TREE]
-                                 [ROOM ...]
+    python -m benchmarks.mutants [--mutants 50] [--seed 1] [--test-seconds 6] [--root TREE]
+                                 [--beside LOG] [ROOM ...]
 
 A ROOM is one of those below, or is stated as these are, ``name: sources: tests``, each a list of
 patterns, which lets a tree of other rooms be measured with the same draws. A sample of all single
@@ -26,6 +26,7 @@ import importlib
 import os
 import pickle
 import random
+import re
 import resource
 import shutil
 import signal
@@ -45,9 +46,18 @@ import hypothesis
 import numba
 import pytest
 
+from benchmarks import put, table
 from benchmarks.mutant_places import Mutant, mutant, number_of_places
 
 ROOT: Final = Path(__file__).parents[1]
+PAGE: Final = Path(__file__).with_name("VERIFICATION.md")
+INTRODUCTION: Final = """# Mutants
+
+Written by `python -m benchmarks.mutants --beside LOG`: {mutants} random faults in each room, one at
+a time (seed {seed}), against the room's own tests, {test_seconds:g} s of them at most. *Seen* are
+those that a test fails on, a lower bound; beside it the same of an earlier tree, its own tests.
+
+"""
 COPIED: Final = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
 IDENTIFY: Final = "tests/test_mixed.py tests/identify"
 ROOMS: Final = {
@@ -283,8 +293,10 @@ def traced(tests: tuple[str, ...], slowest: float) -> Reach:
     return reach
 
 
-def try_room(room: str, sources: str, tests: str, asked: argparse.Namespace) -> None:
-    """Trace the tests of a room, try a sample of its mutants, and tell the score."""
+def try_room(
+    room: str, sources: str, tests: str, asked: argparse.Namespace
+) -> tuple[str, str, str, str]:
+    """Trace the tests of a room, try a sample of its mutants; a row of the table."""
     begin = time.monotonic()
     slowest = asked.test_seconds if room in KERNELS else 0.0
     files = tuple(str(p) for pattern in tests.split() for p in sorted(Path().glob(pattern)))
@@ -302,14 +314,14 @@ def try_room(room: str, sources: str, tests: str, asked: argparse.Namespace) -> 
         end = outcome(one, reach, asked.test_seconds)
         counted[end] += 1
         print(f"  {end} {one.name}", flush=True)
-    seen = counted["seen"] + counted["endless"]
+    seen = f"{counted['seen'] + counted['endless']} of {len(chosen)}"
     print(
-        f"{room}: {seen} of {len(chosen)} tried seen ({100 * seen / max(len(chosen), 1):.1f} %),"
-        f" of which {counted['endless']} by their endless run; {counted['survived']} survived,"
-        f" {counted['not reached']} not reached; {len(places)} possible;"
-        f" {time.monotonic() - begin:.0f} s",
+        f"{room}: {seen} tried seen, of which {counted['endless']} by their endless run;"
+        f" {counted['survived']} survived, {counted['not reached']} not reached;"
+        f" {len(places)} possible; {time.monotonic() - begin:.0f} s",
         flush=True,
     )
+    return room, seen, str(counted["not reached"]), f"{len(places):,}"
 
 
 def main() -> None:
@@ -317,9 +329,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rooms", nargs="*", default=list(ROOMS), metavar="ROOM")
     parser.add_argument("--mutants", type=int, default=50, help="of each room")
-    parser.add_argument("--test-seconds", type=float, default=10.0, help="of a trial, at most")
+    parser.add_argument("--test-seconds", type=float, default=6.0, help="of a trial, at most")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--root", type=Path, default=ROOT, help="of the tree that is tried")
+    parser.add_argument("--beside", type=Path, help="output for another tree: writes the chapter")
     asked = parser.parse_args()
     for module in WARM:
         importlib.import_module(module)
@@ -329,13 +342,19 @@ def main() -> None:
             source = asked.root / name
             copy: Callable[..., object] = shutil.copytree if source.is_dir() else shutil.copy2
             copy(source, Path(folder, name))
+        rows = []
         sys.path.insert(0, folder)
         with contextlib.chdir(folder):
             for stated in asked.rooms:
                 room, *places = stated.split(":")
                 sources, tests = places or ROOMS[room].split(":")
                 compiled(room not in KERNELS)
-                try_room(room, sources, tests, asked)
+                rows.append(try_room(room, sources, tests, asked))
+    if asked.beside:
+        theirs = dict(re.findall(r"(?m)^(\w+): (\d+ of \d+) tried seen", asked.beside.read_text()))
+        found = [(*row, theirs[row[0]]) for row in rows]
+        head = ("room", "seen", "not reached by a test", "possible", "seen in the tree beside")
+        put(PAGE, INTRODUCTION.format(**vars(asked)) + table(head, found))
 
 
 if __name__ == "__main__":
