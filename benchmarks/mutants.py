@@ -127,6 +127,7 @@ class _Tracer:
     def __init__(self, measured: coverage.Coverage | None, slowest: float) -> None:
         self.seconds, self.failed, self.slowest = dict[str, float](), set[str](), slowest
         self.switch = measured.switch_context if measured else str
+        self.slow = set[str]()
         self.cached: list[Any] = []
 
     def pytest_collection_finish(self) -> None:
@@ -146,6 +147,13 @@ class _Tracer:
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             self.seconds[item.nodeid] = sum(os.times()[:4]) - begin
+            if self.slowest and self.seconds[item.nodeid] >= self.slowest:
+                self.slow.add(item.nodeid.split("[")[0])
+
+    def pytest_runtest_setup(self, item: pytest.Item) -> None:
+        """The other cases of a test that is too slow are left out without a try."""
+        if item.nodeid.split("[")[0] in self.slow:
+            pytest.skip()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any, request: Any) -> Iterator[None]:
