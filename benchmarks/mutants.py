@@ -115,11 +115,6 @@ class Reach:
         found = {t for p in [path, *users] for t in self.of(p, [0])}
         return sorted(found, key=self.seconds.__getitem__)
 
-    @staticmethod
-    def read(path: Path) -> Reach:
-        """What `trace` wrote."""
-        return Reach(*pickle.loads(path.read_bytes()))
-
 
 class _Tracer:
     """A plugin of pytest: how long each test takes and, where it is traced, the lines it runs."""
@@ -297,7 +292,7 @@ def traced(tests: tuple[str, ...], slowest: float) -> Reach:
         work = functools.partial(trace, [*tests], list(reach.seconds), TIMED, slowest, result)
         if forked(work) != "passed":
             sys.exit(f"{tests}: they cannot be traced")
-        reach = Reach.read(result)
+        reach = Reach(*pickle.loads(result.read_bytes()))
     return reach
 
 
@@ -309,10 +304,8 @@ def try_room(
     slowest = asked.test_seconds if room in KERNELS else 0.0
     files = tuple(str(p) for pattern in tests.split() for p in sorted(Path().glob(pattern)))
     reach = traced(files, slowest)
-    print(
-        f"{room}: {len(reach.seconds)} tests, traced in {time.monotonic() - begin:.0f} s",
-        flush=True,
-    )
+    spent = time.monotonic() - begin
+    print(f"{room}: {len(reach.seconds)} tests, traced in {spent:.0f} s", flush=True)
     modules = [p for pattern in sources.split() for p in sorted(Path().glob(pattern))]
     places = [(path, number) for path in modules for number in range(number_of_places(path))]
     chosen = random.Random(asked.seed).sample(places, min(asked.mutants, len(places)))
