@@ -83,6 +83,7 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     # of second order in the noise, (0.5/150)²/2: the plain mean of logarithms is off by it
     assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
     assert record.noise_N == pytest.approx(0.5, rel=0.15)
+    assert record.unrest_N == pytest.approx(0.5, rel=0.15)
     assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
