@@ -161,4 +161,5 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     for at, tail in zip(x - shift, true, strict=True):
         z, error = found.at(0, float(at))
         assert abs(z - level - tail) < 3.0 * error
+        assert found.tail(0, np.array([at]))[0] == pytest.approx(z - found.posterior.level[0])
         assert error < 3e-3
