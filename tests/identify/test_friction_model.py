@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from beltid.identify.friction.bench_model import (
     MEMORIES_S,
     Bench,
     block_covariance,
+    cell_errors,
     fit_bench,
     log_settings,
 )
@@ -163,3 +165,30 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
         assert abs(z - level - tail) < 3.0 * error
         assert found.tail(0, np.array([at]))[0] == pytest.approx(z - found.posterior.level[0])
         assert error < 3e-3
+
+
+def test_errors_of_the_cells_change_sign_with_the_cells_and_scale_with_the_force():
+    tension, noise = np.array([80.0, 130.0, 210.0, 300.0, 410.0]), 0.02
+    off = 1.5 + np.random.default_rng(2).normal(scale=0.2, size=5)
+
+    def errors(sign, unit):
+        forces = zip(unit * tension, sign * unit * off, strict=True)
+        rests = [
+            SimpleNamespace(tension_N=T, imbalance_N=D, imbalance_se_N=unit * noise)
+            for T, D in forces
+        ]
+        ends = [
+            SimpleNamespace(rest=r, tensions_N=(1.7 * r.tension_N, 0.6 * r.tension_N))
+            for r in rests
+        ]
+        runs = [SimpleNamespace(swapped=False)] * 5
+        return cell_errors(runs, ends, np.full(5, 1.04), np.full(5, 1e-3))[:4]
+
+    mean, variance, common, held = errors(1.0, 1.0)
+    q = 0.5 * (1.0 / 1.7 + 1.0 / 0.6) / tension
+    np.testing.assert_allclose(mean, q * 1.5, rtol=0.3)
+    for sign, unit in ((-1.0, 1.0), (1.0, 3.0)):
+        for found, first in zip(
+            errors(sign, unit), (sign * mean, variance, sign * common, sign * held), strict=True
+        ):
+            np.testing.assert_allclose(found, first, rtol=1e-3, atol=1e-8)
