@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -165,6 +166,23 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
         assert abs(z - level - tail) < 3.0 * error
         assert found.tail(0, np.array([at]))[0] == pytest.approx(z - found.posterior.level[0])
         assert error < 3e-3
+
+
+def test_what_runs_share_is_split_into_tail_and_drifts_without_loss():
+    found = fit_bench(several(3, 0.1)[0])
+    shift = found.posterior.level_shift
+    variance = np.einsum("ri,ij,rj->r", shift, found.posterior.covariance, shift)
+    np.testing.assert_allclose(np.sum(found.shared**2, axis=1), variance, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("times", "counts"), [(2.9, False), (3.1, True)])
+def test_noise_at_rest_is_slow_beyond_three_times_that_of_the_sliding(times, counts):
+    records, _ = several(3, 0.1)
+    typical_N = Bench(records, log_settings(records)[0]).typical_N
+    se = times * typical_N * math.sqrt(records[0].count.sum() / (0.5 * AT_REST.n_samples))
+    loud = [replace(r, rest=replace(r.rest, imbalance_se_N=se)) for r in records]
+    slow_N = Bench(loud, log_settings(loud)[0]).slow_N
+    assert slow_N == pytest.approx(times * typical_N if counts else typical_N, rel=1e-3)
 
 
 def test_errors_of_the_cells_change_sign_with_the_cells_and_scale_with_the_force():
