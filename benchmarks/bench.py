@@ -13,103 +13,69 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks import table
 from benchmarks.tasks import TASKS
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SCRIPT = str(Path(__file__).with_name("tasks.py"))
-Found = dict[str, float]
-Measured = dict[str, Found]
+BESIDE = "beside"
+Measured = dict[str, dict[str, float]]
 
 
 class Target(NamedTuple):
-    """What is asked of the best rounds of the tasks; `beside` is what another version needs."""
+    """What is asked of a value of a task, or of its ratio over another or the version beside."""
 
     what: str
     asked: str
-    value: Callable[[Measured, Measured], float]
-    met: Callable[[float], bool]
-    needs: tuple[str, ...]
-    beside: bool = False
+    of: str
+    """Task and value."""
+    over: str = ""
+    """Task and value, or `BESIDE`: the same of another version."""
+
+    def measured(self, ours: Measured, theirs: Measured) -> float | None:
+        """The value; None where a task was not done."""
+        below = theirs if self.over == BESIDE else ours
+        try:
+            value = _value(ours, self.of)
+            return value / _value(below, self.over.replace(BESIDE, self.of)) if self.over else value
+        except KeyError:
+            return None
+
+    def row(self, value: float) -> tuple[str, ...]:
+        """A row of the table."""
+        sign, *limit = self.asked.split()
+        met = not limit or (value >= float(limit[0]) if sign == ">=" else value <= float(limit[0]))
+        verdict = "met" if met else "**missed**"
+        return self.what, self.asked + " x" * (self.over == BESIDE), f"{value:.3g}", verdict
 
 
-def at_most(limit: float) -> Callable[[float], bool]:
-    """Whether a value is not above a limit."""
-    return lambda value: value <= limit
+def _value(measured: Measured, place: str) -> float:
+    task, key = place.split()
+    return measured[task][key]
 
 
-def over(task: str, key: str = "seconds") -> Callable[[Measured, Measured], float]:
-    """Ours over theirs."""
-    return lambda ours, theirs: ours[task][key] / theirs[task][key]
-
-
-def own(task: str, key: str = "seconds") -> Callable[[Measured, Measured], float]:
-    """A value of a task."""
-    return lambda ours, _: ours[task][key]
-
-
+EXUDYN = "120 steady runs: Exudyn, each run by itself, over beltid's campaign"
+SHARED = "the same, Exudyn with one lay-on for the runs that differ in speed"
 TARGETS = (
-    Target(
-        "120 steady runs: Exudyn, each run by itself, over beltid's campaign",
-        ">= 10",
-        lambda ours, _: ours["exudyn"]["seconds"] / ours["steady"]["seconds"],
-        lambda ratio: ratio >= 10.0,
-        ("steady", "exudyn"),
-    ),
-    Target(
-        "the same, Exudyn with one lay-on for the runs that differ in speed",
-        "said",
-        lambda ours, _: ours["exudyn"]["shared"] / ours["steady"]["seconds"],
-        lambda _: True,
-        ("steady", "exudyn"),
-    ),
-    Target(
-        "worst error of a tension of these runs [%]",
-        "<= 0.05",
-        own("steady", "worst_percent"),
-        at_most(0.05),
-        ("steady",),
-    ),
-    Target("120 steady runs", "<= 2 x", over("steady"), at_most(2.0), ("steady",), True),
-    Target("120 runs in time", "<= 2 x", over("transient"), at_most(2.0), ("transient",), True),
-    Target("inverse problem", "<= 2 x", over("inverse"), at_most(2.0), ("inverse",), True),
-    Target("drive of 51 points, rods", "<= 2 x", over("drive"), at_most(2.0), ("drive",), True),
-    Target("compiling all kernels [s]", "<= 15", own("compiling"), at_most(15.0), ("compiling",)),
-    Target(
-        "reduction of 120 runs of 3,000 samples [s]",
-        "<= 2.0",
-        own("reduction"),
-        at_most(2.0),
-        ("reduction",),
-    ),
-    Target(
-        "`beltid --help` over `import typer`",
-        "<= 1.5",
-        own("help_page", "ratio"),
-        at_most(1.5),
-        ("help_page",),
-    ),
-    Target("`beltid run` of a belt", "<= 1.1 x", over("chain"), at_most(1.1), ("chain",), True),
-    Target("the same again [s]", "<= 1.5", own("chain", "again"), at_most(1.5), ("chain",)),
-    Target(
-        "300 MB of CSV over pyarrow alone (wall)",
-        "<= 2",
-        own("csv", "ratio"),
-        at_most(2.0),
-        ("csv",),
-    ),
-    Target(
-        "peak memory over the numbers of that file",
-        "<= 3",
-        own("csv", "memory"),
-        at_most(3.0),
-        ("csv",),
-    ),
-    Target("a million columns are refused [s]", "<= 3", own("columns"), at_most(3.0), ("columns",)),
+    Target(EXUDYN, ">= 10", "exudyn seconds", "steady seconds"),
+    Target(SHARED, "said", "exudyn shared", "steady seconds"),
+    Target("worst error of a tension of these runs [%]", "<= 0.05", "steady worst_percent"),
+    Target("120 steady runs", "<= 2", "steady seconds", BESIDE),
+    Target("120 runs in time", "<= 2", "transient seconds", BESIDE),
+    Target("inverse problem", "<= 2", "inverse seconds", BESIDE),
+    Target("drive of 51 points, rods", "<= 2", "drive seconds", BESIDE),
+    Target("compiling all kernels [s]", "<= 15", "compiling seconds"),
+    Target("reduction of 120 runs of 3,000 samples [s]", "<= 2.0", "reduction seconds"),
+    Target("`beltid --help` over `import typer`", "<= 1.5", "help_page ratio"),
+    Target("`beltid run` of a belt", "<= 1.1", "chain seconds", BESIDE),
+    Target("the same again [s]", "<= 1.5", "chain again"),
+    Target("300 MB of CSV over pyarrow alone (wall)", "<= 2", "csv ratio"),
+    Target("peak memory over the numbers of that file", "<= 3", "csv memory"),
+    Target("a million columns are refused [s]", "<= 3", "columns seconds"),
 )
 
 
@@ -132,24 +98,9 @@ def best_of(rounds: int, names: list[str], pythons: list[str]) -> list[Measured]
     return best
 
 
-def rows(ours: Measured, theirs: Measured) -> list[str]:
-    """The table, a line per target whose tasks were done."""
-    lines = ["| target | asked | measured | |", "|---|---|---|---|"]
-    for target in TARGETS:
-        known = [ours, theirs] if target.beside else [ours]
-        if not all(name in found for name in target.needs for found in known):
-            continue
-        value = target.value(ours, theirs)
-        verdict = "met" if target.met(value) else "**missed**"
-        lines.append(f"| {target.what} | {target.asked} | {value:.3g} | {verdict} |")
-    lines += ["", "| task | best of the rounds | beside |", "|---|---|---|"]
-    for name, found in ours.items():
-        words = (
-            ", ".join(f"{key} {value:.4g}" for key, value in of.items())
-            for of in (found, theirs.get(name, {}))
-        )
-        lines.append(f"| {name} | {' | '.join(words)} |")
-    return lines
+def words(measured: Measured, task: str) -> str:
+    """All values of a task."""
+    return ", ".join(f"{key} {value:.4g}" for key, value in measured.get(task, {}).items())
 
 
 def main() -> int:
@@ -160,24 +111,23 @@ def main() -> int:
     parser.add_argument("--beside", help="interpreter with another version of beltid")
     chosen = parser.parse_args()
     pythons = [sys.executable, *filter(None, [chosen.beside])]
-    ours, *others = best_of(chosen.rounds, chosen.tasks, pythons)
+    ours, theirs, *_ = [*best_of(chosen.rounds, chosen.tasks, pythons), {}]
     versions = ", ".join(f"{of} {metadata.version(of)}" for of in ("numpy", "numba", "scipy"))
-    text = "\n".join(
-        [
-            "# Benchmarks",
-            "",
-            f"Written by `make bench`; one run on one machine: {os.cpu_count()} cores, "
-            f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
-            f"{versions}.",
-            "`benchmarks/tasks.py` has the work, `benchmarks/exudyn_rig.py` the peer. *x* is over "
-            "the version named beside. All recordings are synthetic.",
-            "",
-            *rows(ours, others[0] if others else {}),
-        ]
-    )
+    values = [(target, target.measured(ours, theirs)) for target in TARGETS]
+    targets = [target.row(value) for target, value in values if value is not None]
+    tasks = [(task, words(ours, task), words(theirs, task)) for task in ours]
+    text = f"""# Benchmarks
+
+Written by `make bench`; one run on one machine: {os.cpu_count()} cores, {platform.system()} \
+{platform.machine()}, Python {platform.python_version()}, {versions}.
+`benchmarks/tasks.py` has the work, `benchmarks/exudyn_rig.py` the peer. *x* is over the version \
+named beside. All recordings are synthetic.
+
+{table(("target", "asked", "measured", ""), targets)}
+{table(("task", "best of the rounds", "beside"), tasks)}"""
     print(text)
     if chosen.tasks == list(TASKS):
-        RESULTS.write_text(text + "\n", encoding="utf-8")
+        RESULTS.write_text(text, encoding="utf-8")
     return 0
 
 

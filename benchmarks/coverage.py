@@ -26,7 +26,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import beltid
-from benchmarks import other_bench
+from benchmarks import other_bench, table
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "uncertainty"), str(ROOT / "tests" / "identify")]
@@ -209,30 +209,26 @@ def main() -> None:
         names = [n for n in names if not chosen.rows or any(part in n for part in chosen.rows)]
         if not names:
             continue
-        text += f"## {title}\n\n|bench|{'|'.join(f'n = {n}' for n in chosen.n)}|\n"
-        text += "|---" * (len(chosen.n) + 1) + "|\n"
         tasks = [(name, n) for name in names for n in chosen.n]
+        found = {}
         with ProcessPoolExecutor(chosen.jobs, mp_context=get_context("spawn")) as pool:
-            calls = pool.map(
-                friction, *zip(*tasks, strict=True), repeat(chosen.first), repeat(chosen.draws)
-            )
-            found = {}
-            for task, one in zip(tasks, calls, strict=True):
+            drawn = repeat(chosen.first), repeat(chosen.draws)
+            results = pool.map(friction, *zip(*tasks, strict=True), *drawn)
+            for task, one in zip(tasks, results, strict=True):
                 found[task] = one
                 print(*task, one.cell(), flush=True)
-        for name in names:
-            judged = [found[name, n].outside() and not name.endswith("*") for n in chosen.n]
-            cells = [found[name, n].cell() for n in chosen.n]
-            bold = [f"**{c}**" if bad else c for c, bad in zip(cells, judged, strict=True)]
-            text += f"|{name}|{'|'.join(bold)}|\n"
-            total += len(chosen.n) * (not name.endswith("*"))
-            outside += sum(judged)
-        text += "\n"
+        bold = {task for task, one in found.items() if one.outside() and task[0][-1] != "*"}
+        cells = {
+            task: f"**{one.cell()}**" if task in bold else one.cell() for task, one in found.items()
+        }
+        lines = [(name, *(cells[name, n] for n in chosen.n)) for name in names]
+        text += f"## {title}\n\n{table(('bench', *(f'n = {n}' for n in chosen.n)), lines)}\n"
+        total += sum(name[-1] != "*" for name, _ in tasks)
+        outside += len(bold)
     if not chosen.rows:
         for title, made in (("Presses", presses), ("Refined surfaces", surfaces)):
-            text += f"## {title}\n\n|case|RMS/covered/z|\n|---|---|\n"
-            rows_of = (f"|{name}|{one.cell()}|\n" for name, one in made(chosen.first))
-            text += "".join(rows_of) + "\n"
+            lines = [(name, one.cell()) for name, one in made(chosen.first)]
+            text += f"## {title}\n\n{table(('case', 'RMS/covered/z'), lines)}\n"
     head = INTRODUCTION.format(
         minutes=(time.perf_counter() - begin) / 60.0,
         draws=", ".join(f"{chosen.draws * DRAWS[n]} benches of {n}" for n in chosen.n),

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,30 +27,7 @@ RADIUS_M, SPAN_M, MU, K_LINEAR = 0.05, 0.10, 0.5, 1.0e8
 BED_M = (4.0 * EI_N_M2 / K_LINEAR) ** 0.25  # length of a beam on the elastic bed
 MARGIN_M = 4.0e-3  # elements this far beyond the tangent points get contact segments, too
 SLIP_PENALTY = 1.0e6  # N s/m: every segment slides at every speed of the comparison
-
-
-@dataclass(frozen=True, slots=True)
-class PeerSettings:
-    """How Exudyn is used.
-
-    Parameters
-    ----------
-    elements, segments : int
-        Belt elements, and contact segments of each.
-    modified_newton : bool
-        Keep the tangent while the iteration contracts; else a new one in each iteration.
-    tolerance : float
-        Relative tolerance of Newton's method (Exudyn's default is 1e-8).
-    """
-
-    elements: int
-    segments: int = 6
-    modified_newton: bool = False
-    tolerance: float = 1.0e-6
-
-    def __str__(self) -> str:
-        newton = "modified" if self.modified_newton else "full"
-        return f"{self.elements} elements x {self.segments} segments, {newton} Newton"
+ELEMENTS, SEGMENTS = 20, 6  # of the belt, and contact segments of each: mu to 0.05 %
 
 
 def shape_of(s: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
@@ -66,15 +42,13 @@ def shape_of(s: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
 class PeerRig:
     """The rig of one contact arc in Exudyn."""
 
-    def __init__(self, beta: float, settings: PeerSettings) -> None:
+    def __init__(self, beta: float) -> None:
         self.beta = beta
-        self.settings = settings
-        self.newton_iterations = 0
         self._container = exudyn.SystemContainer()
         self._mbs = self._container.AddSystem()
         self._contacts: list[Any] = []
         length = 2.0 * SPAN_M + RADIUS_M * beta
-        nodes = np.linspace(0.0, length, settings.elements + 1)
+        nodes = np.linspace(0.0, length, ELEMENTS + 1)
         self._add_pulley()
         self._add_belt(nodes, shape_of(nodes, beta), length)
         self._mbs.Assemble()
@@ -139,7 +113,7 @@ class PeerRig:
 
     def _add_contact(self, cable: Any, start: float, h: float, length: float) -> None:
         """Contact segments of a cable, those within the expected contact seeded as touching."""
-        mbs, n = self._mbs, self.settings.segments
+        mbs, n = self._mbs, SEGMENTS
         middle = start + h * (np.arange(n) + 0.5) / n
         # the contact ends about half an elastic-bed length inside the tangent points
         inside = SPAN_M + 0.5 * BED_M
@@ -175,8 +149,6 @@ class PeerRig:
         settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse
         static = settings.staticSolver
         static.verboseMode = 0
-        static.newton.relativeTolerance = self.settings.tolerance
-        static.newton.useModifiedNewton = self.settings.modified_newton
         # with the defaults (5, 1) contact sets of fine meshes are accepted unfinished: 0.7 % error
         static.discontinuous.maxIterations = 15
         static.discontinuous.iterationTolerance = 0.01
@@ -190,13 +162,6 @@ class PeerRig:
     def _solve(self) -> None:
         if not self._solver.SolveSystem(self._mbs, self._static):
             raise RuntimeError("Exudyn found no equilibrium")
-        self.newton_iterations += self._solver.it.newtonStepsCount
-
-    def tensions(self) -> tuple[float, float]:
-        """Forces on the supports A and B [N]."""
-        kind = exudyn.OutputVariableType.Force
-        f = [float(np.ravel(self._mbs.GetObjectOutput(s, kind))[-1]) for s in self._supports]
-        return math.hypot(f[0], f[1]), math.hypot(f[2], f[3])
 
     def lay_on(self, T_0: float) -> None:
         """Lay the belt on without friction, tighten it to T_0 [N], lock support A."""
@@ -213,21 +178,14 @@ class PeerRig:
         mbs.SetLoadParameter(self._load, "load", 0.0)
         self._set_contacts(frictionCoefficient=MU, frictionVelocityPenalty=SLIP_PENALTY)
 
-    def slide(self, omega: float) -> tuple[float, float]:
-        """Tensions [N] in the limit of full sliding at a speed of the pulley [rad/s]."""
+    def slide(self, omega: float) -> float:
+        """Coefficient of friction by Eq. (6) in the limit of full sliding at a speed [rad/s]."""
         state = [np.array(part) for part in self._laid]
         velocities, data = state[1], state[-1]
         velocities[2] = -omega
-        data.reshape(-1, 3, self.settings.segments)[:, 1] = 1.0
+        data.reshape(-1, 3, SEGMENTS)[:, 1] = 1.0
         self._mbs.systemData.SetSystemState(state, configuration=INITIAL)
         self._solve()
-        return self.tensions()
-
-
-def mu_of(tensions: tuple[float, float], beta: float) -> float:
-    """Coefficient of friction by Eq. (6)."""
-    return math.log(tensions[0] / tensions[1]) / beta
-
-
-PLAIN = PeerSettings(20, tolerance=1.0e-8)
-"""As a user would set it for a friction coefficient to 0.05 %."""
+        kind = exudyn.OutputVariableType.Force
+        f = [float(np.ravel(self._mbs.GetObjectOutput(s, kind))[-1]) for s in self._supports]
+        return math.log(math.hypot(f[0], f[1]) / math.hypot(f[2], f[3])) / self.beta

@@ -1,4 +1,7 @@
-"""Every small fault that can be put into a module: one comparison, sign, operator, number, test."""
+"""Every small fault that can be put into a module: one comparison, sign, operator, number, test.
+
+Annotations, messages and docstrings have none.
+"""
 
 from __future__ import annotations
 
@@ -43,16 +46,18 @@ class Mutant:
         return f"{self.path}:{self.line}: {self.before[:90]}  ->  {self.after[:90]}"
 
 
-def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
-    """Every single change to a module that is not in an annotation, a message or a docstring."""
-    source = path.read_text("utf-8")
-    for number in range(len(list(_places(ast.parse(source))))):
-        tree = ast.parse(source)
-        node, change = list(_places(tree))[number]
-        before, lines = ast.unparse(node), _statement(tree, node)
-        change()
-        text, after = ast.unparse(tree), ast.unparse(node)
-        yield Mutant(path.relative_to(root), node.lineno, before, after, text, lines)
+def number_of_places(path: Path) -> int:
+    """How many mutants of a module there are."""
+    return len(list(_places(ast.parse(path.read_text("utf-8")))))
+
+
+def mutant(path: Path, number: int) -> Mutant:
+    """One of the mutants of a module."""
+    tree = ast.parse(path.read_text("utf-8"))
+    node, change = list(_places(tree))[number]
+    before, lines = ast.unparse(node), _statement(tree, node)
+    change()
+    return Mutant(path, node.lineno, before, ast.unparse(node), ast.unparse(tree), lines)
 
 
 def _statement(tree: ast.Module, node: ast.expr | ast.stmt) -> range:

@@ -1,27 +1,33 @@
 """Mutation testing of the science: small faults are put in, and the tests must see them.
 
-    python -m benchmarks.mutants [--seconds 1800] [--seed 1] [--rooms laws identify]
-                                 [--only MODULE] [--test-seconds 10]
+    python -m benchmarks.mutants [--mutants 50] [--seed 1] [--test-seconds 6] [--root TREE]
+                                 [--beside LOG] [ROOM ...]
 
-A sample of all single changes to comparisons, signs, operators, numbers and conditions of a room is
-tried one by one in a copy of the project. A trial runs only the tests that reach the changed line,
-the fastest first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at
-the first failure; it is a fork of a process that has imported the libraries already. Changes to
-what runs at import (constants, defaults) are held against the tests that run any function of the
-module or of one that imports from it. mutmut does the same for whole packages, but it runs modules
-from rewritten copies whose functions the compiler of the kernels cannot compile; so this is its
-small stand-in.
+A ROOM is one of those below, or is stated as these are, ``name: sources: tests``, each a list of
+patterns, which lets a tree of other rooms be measured with the same draws. A sample of all single
+changes to comparisons, signs, operators, numbers and conditions of the sources is tried one by one
+in a copy of the project. A trial runs only the tests that reach the changed line, the fastest
+first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at the first
+failure; it is a fork of a process that has imported the libraries already. Changes to what runs at
+import (constants, defaults) are held against the tests that run any function of the module or of
+one that imports from it. Compiled kernels hide from tracing, and a compiler takes seconds: the
+rooms that have kernels are tried as plain Python, without the tests that then take too long.
+mutmut does the same for whole packages, but it runs modules from rewritten copies whose functions
+the compiler of the kernels cannot compile; so this is its small stand-in.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import gc
 import importlib
 import os
 import pickle
 import random
+import re
+import resource
 import shutil
 import signal
 import sys
@@ -29,22 +35,42 @@ import tempfile
 import time
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from benchmarks.mutant_places import Mutant, mutants_of
-from benchmarks.mutant_reach import Reach, trace, trial
+import coverage
+import hypothesis
+import numba
+import pytest
+
+from benchmarks import put, table
+from benchmarks.mutant_places import Mutant, mutant, number_of_places
 
 ROOT: Final = Path(__file__).parents[1]
-COPIED: Final = ("beltid", "tests", "rigdata", "pyproject.toml")
-TESTS: Final = {
-    "laws": ["tests/laws"],
-    "identify": ["tests/identify"],
-    "refine": ["tests/refine"],
-    "uncertainty": ["tests/uncertainty"],
+PAGE: Final = Path(__file__).with_name("VERIFICATION.md")
+INTRODUCTION: Final = """# Mutants
+
+Written by `python -m benchmarks.mutants --beside LOG`: {mutants} random faults in each room, one at
+a time (seed {seed}), against the room's own tests, {test_seconds:g} s of them at most. *Seen* are
+those that a test fails on, a lower bound; beside it the same of an earlier tree, its own tests.
+
+"""
+COPIED: Final = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
+IDENTIFY: Final = "tests/test_mixed.py tests/identify"
+ROOMS: Final = {
+    "laws": "beltid/laws/*.py: tests/laws",
+    "rig": "beltid/rig/*.py: tests/rig",
+    "mixed": f"beltid/mixed.py: {IDENTIFY}",
+    "friction": f"beltid/identify/friction/*.py: {IDENTIFY}",
+    "refine": "beltid/refine/*.py: tests/refine",
+    "drive": "beltid/drive/*.py: tests/drive",
 }
+KERNELS: Final = ("rig", "drive")
+"""Rooms with compiled functions."""
+LONGEST_S: Final = 3600.0
 TIMED: Final = ("_take_less_than_", "_seconds")
 """Tests of speed: a busy machine, not a fault, would fail them."""
 WARM: Final = (
@@ -59,9 +85,162 @@ WARM: Final = (
     "_pytest.unittest",
     "_pytest.unraisableexception",
 )
+OPTIONS: Final = (
+    *("-q", "--no-header", "--tb=no", "--assert=plain", "-o", "addopts="),
+    *("-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:faulthandler"),
+)
+MEMORY_BYTES: Final = 8 * 2**30
 
 
-def forked(work: Callable[[], bool], limit_s: float) -> str:
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Processor seconds of each test that passes; tests that run a line of a file (0: any)."""
+
+    seconds: dict[str, float]
+    tests: dict[tuple[str, int], set[str]]
+
+    def of(self, path: Path, lines: Iterable[int]) -> list[str]:
+        """Tests that reach one of these lines, the fastest first."""
+        found = {t for n in lines for t in self.tests.get((str(path), n), ())}
+        return sorted(found & self.seconds.keys(), key=self.seconds.__getitem__)
+
+    def of_import(self, path: Path) -> list[str]:
+        """Tests that run a function of a module, or of one that imports from it by name."""
+        module = ".".join(path.with_suffix("").parts)
+        users = [
+            user
+            for user in Path(path.parts[0]).rglob("*.py")
+            if f"from {module} import" in user.read_text("utf-8")
+        ]
+        found = {t for p in [path, *users] for t in self.of(p, [0])}
+        return sorted(found, key=self.seconds.__getitem__)
+
+
+class _Tracer:
+    """A plugin of pytest: how long each test takes and, where it is traced, the lines it runs."""
+
+    def __init__(self, measured: coverage.Coverage | None, slowest: float) -> None:
+        self.seconds, self.failed, self.slowest = dict[str, float](), set[str](), slowest
+        self.switch = measured.switch_context if measured else str
+        self.slow = set[str]()
+        self.cached: list[Any] = []
+
+    def pytest_collection_finish(self) -> None:
+        """Results that one test leaves to the next would hide what the next one reaches."""
+        self.cached = [o for o in gc.get_objects() if isinstance(o, functools._lru_cache_wrapper)]
+        self.cached = [o for o in self.cached if o.__module__.startswith(("beltid", "test", "syn"))]
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        for one in self.cached:
+            one.cache_clear()
+        self.switch(item.nodeid)
+        begin = sum(os.times()[:4])
+        signal.setitimer(signal.ITIMER_PROF, self.slowest)
+        try:
+            return (yield)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            self.seconds[item.nodeid] = sum(os.times()[:4]) - begin
+            if self.slowest and self.seconds[item.nodeid] >= self.slowest:
+                self.slow.add(item.nodeid.split("[")[0])
+
+    def pytest_runtest_setup(self, item: pytest.Item) -> None:
+        """The other cases of a test that is too slow are left out without a try."""
+        if item.nodeid.split("[")[0] in self.slow:
+            pytest.skip()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any, request: Any) -> Iterator[None]:
+        """What a shared fixture runs is reached by all tests of its file."""
+        if fixturedef.scope == "function":
+            return (yield)
+        self.switch(f"{request.node.nodeid.split('::')[0]}::")
+        result = yield
+        self.switch(request._pyfuncitem.nodeid)
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if not report.passed:
+            self.failed.add(report.nodeid)
+
+
+class _Chosen:
+    """A plugin of pytest: only these tests, in this order."""
+
+    def __init__(self, tests: list[str]) -> None:
+        self.place = {test: number for number, test in enumerate(tests)}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [i for i in items if i.nodeid in self.place]
+        items.sort(key=lambda i: self.place[i.nodeid])
+
+
+def trace(
+    files: list[str], known: list[str], left_out: tuple[str, ...], slowest: float, result: Path
+) -> bool:
+    """Run tests and write their `Reach`, without those that fail or take longer than `slowest`.
+
+    With no `known` ones all tests of the files run, untraced; else the known ones, fastest first.
+    """
+    _repeatable()
+    signal.signal(signal.SIGPROF, _too_slow)
+    measured = coverage.Coverage(data_file=None, source=["beltid"], config_file=False)
+    tracer = _Tracer(measured if known else None, slowest)
+    if known:
+        measured.start()
+    pytest.main([*OPTIONS, *files], plugins=[tracer, *([_Chosen(known)] if known else [])])
+    seconds = {
+        test: spent
+        for test, spent in sorted(tracer.seconds.items(), key=lambda item: item[1])
+        if test not in tracer.failed and not any(name in test for name in left_out)
+    }
+    reached = dict[tuple[str, int], set[str]]()
+    if known:
+        measured.stop()
+        data = measured.get_data()
+        for file in data.measured_files():
+            path = str(Path(file).relative_to(Path.cwd()))
+            for line, contexts in data.contexts_by_lineno(file).items():
+                for test in contexts:
+                    whole = test.endswith("::")
+                    tests = {t for t in seconds if t.startswith(test)} if whole else {test} - {""}
+                    reached.setdefault((path, line), set()).update(tests)
+                    reached.setdefault((path, 0), set()).update(tests)
+    result.write_bytes(pickle.dumps((seconds, reached)))
+    return bool(seconds)
+
+
+def _too_slow(*_: Any) -> None:
+    raise TimeoutError
+
+
+def compiled(kernels: bool) -> None:
+    """Whether kernels are compiled, here and in processes that start, or are plain Python."""
+    os.environ["NUMBA_DISABLE_JIT"] = str(int(not kernels))
+    numba.config.reload_config()
+
+
+def trial(tests: list[str], limit_s: int) -> bool:
+    """Whether all these tests pass; in a process that has not imported the package yet."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
+    sys.dont_write_bytecode = True
+    _repeatable()
+    files = sorted({test.split("::")[0] for test in tests})
+    return pytest.main([*OPTIONS, "-x", *files], plugins=[_Chosen(tests)]) == pytest.ExitCode.OK
+
+
+def _repeatable() -> None:
+    """Drawn examples are the same in every run and are not made smaller when they fail."""
+    phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
+    hypothesis.settings.register_profile(
+        "mutants", derandomize=True, database=None, phases=phases, deadline=None
+    )
+    hypothesis.settings.load_profile("mutants")
+
+
+def forked(work: Callable[[], bool]) -> str:
     """The end of some work in a process of its own: passed, failed or endless."""
     child = os.fork()
     if child == 0:
@@ -73,95 +252,110 @@ def forked(work: Callable[[], bool], limit_s: float) -> str:
             good = work()
         finally:
             os._exit(0 if good else 1)
-    end = time.monotonic() + limit_s
-    while time.monotonic() < end:
+    begin = time.monotonic()
+    while time.monotonic() - begin < LONGEST_S:
         done, status = os.waitpid(child, os.WNOHANG)
+        if done and os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL:
+            return "endless"  # its processor time was over
         if done:
-            return "passed" if status == 0 else "failed"
+            return "failed" if status else "passed"
         time.sleep(0.01)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return "endless"
 
 
-def outcome(mutant: Mutant, reach: Reach, test_seconds: float = float("inf")) -> str:
+def outcome(tried: Mutant, reach: Reach, test_seconds: float) -> str:
     """Whether the tests see a mutant: seen, endless (seen, too), survived or not reached."""
-    tests = reach.of(mutant.path, mutant.lines)
-    if not tests and any((str(mutant.path), line) in reach.tests for line in mutant.lines):
-        tests = reach.of_import(mutant.path, Path.cwd())
+    tests = reach.of(tried.path, tried.lines)
+    if not tests and any((str(tried.path), line) in reach.tests for line in tried.lines):
+        tests = reach.of_import(tried.path)
     if not tests:
         return "not reached"
     spent = list(accumulate(reach.seconds[t] for t in tests))
     tests = tests[: max(bisect_right(spent, test_seconds), 1)]
-    original, times = mutant.path.read_bytes(), mutant.path.stat()
-    mutant.path.write_text(mutant.text, "utf-8")
-    limit = 30.0 + 8.0 * spent[len(tests) - 1]
+    original, times = tried.path.read_bytes(), tried.path.stat()
+    tried.path.write_text(tried.text, "utf-8")
     try:
-        end = forked(lambda: trial(tests), limit)
+        end = forked(lambda: trial(tests, 15 + round(4.0 * spent[len(tests) - 1])))
     finally:
-        mutant.path.write_bytes(original)
-        os.utime(mutant.path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        tried.path.write_bytes(original)
+        os.utime(tried.path, ns=(times.st_atime_ns, times.st_mtime_ns))
     return {"passed": "survived", "failed": "seen"}.get(end, end)
 
 
-def try_room(room: str, found: list[Mutant], seconds: float, test_seconds: float) -> None:
-    """Trace the tests of a room, try its mutants until the time is over, and tell the score."""
-    result = Path("reach.pickle")
+@functools.cache
+def traced(tests: tuple[str, ...], slowest: float) -> Reach:
+    """What the tests reach: of those that pass, run once to compile and once to be traced."""
+    result, reach = Path("reach.pickle"), Reach({}, {})
+    for _ in range(2):
+        work = functools.partial(trace, [*tests], list(reach.seconds), TIMED, slowest, result)
+        if forked(work) != "passed":
+            sys.exit(f"{tests}: they cannot be traced")
+        reach = Reach(*pickle.loads(result.read_bytes()))
+    return reach
+
+
+def try_room(
+    room: str, sources: str, tests: str, asked: argparse.Namespace
+) -> tuple[str, str, str, str]:
+    """Trace the tests of a room, try a sample of its mutants; a row of the table."""
     begin = time.monotonic()
-    if forked(lambda: trace(TESTS[room], TIMED, result), 3600.0) != "passed":
-        sys.exit(f"{room}: the tests cannot be traced")
-    reach: Reach = pickle.loads(result.read_bytes())
-    everything = sorted(reach.seconds, key=reach.seconds.__getitem__)
-    if forked(lambda: trial(everything), 3600.0) != "passed":
-        sys.exit(f"{room}: tests fail without a mutant")
-    print(
-        f"{room}: {len(everything)} tests, traced in {time.monotonic() - begin:.0f} s", flush=True
-    )
+    slowest = asked.test_seconds if room in KERNELS else 0.0
+    files = tuple(str(p) for pattern in tests.split() for p in sorted(Path().glob(pattern)))
+    reach = traced(files, slowest)
+    spent = time.monotonic() - begin
+    print(f"{room}: {len(reach.seconds)} tests, traced in {spent:.0f} s", flush=True)
+    modules = [p for pattern in sources.split() for p in sorted(Path().glob(pattern))]
+    places = [(path, number) for path in modules for number in range(number_of_places(path))]
+    chosen = random.Random(asked.seed).sample(places, min(asked.mutants, len(places)))
     counted, begin = Counter[str](), time.monotonic()
-    for mutant in found:
-        if time.monotonic() - begin > seconds:
-            break
-        end = outcome(mutant, reach, test_seconds)
+    for path, number in chosen:
+        one = mutant(path, number)
+        end = outcome(one, reach, asked.test_seconds)
         counted[end] += 1
-        if end in ("survived", "not reached"):
-            print(f"{end} {mutant.name}", flush=True)
-    tried, seen = sum(counted.values()), counted["seen"] + counted["endless"]
+        print(f"  {end} {one.name}", flush=True)
+    seen = f"{counted['seen'] + counted['endless']} of {len(chosen)}"
     print(
-        f"{room}: {seen} of {tried} tried seen ({100 * seen / max(tried, 1):.1f} %), of which"
-        f" {counted['endless']} by their endless run; {counted['survived']} survived,"
-        f" {counted['not reached']} not reached; {len(found)} possible;"
-        f" {time.monotonic() - begin:.0f} s",
+        f"{room}: {seen} tried seen, of which {counted['endless']} by their endless run;"
+        f" {counted['survived']} survived, {counted['not reached']} not reached;"
+        f" {len(places)} possible; {time.monotonic() - begin:.0f} s",
         flush=True,
     )
+    return room, seen, str(counted["not reached"]), f"{len(places):,}"
 
 
 def main() -> None:
-    """Try a sample and tell the score and what survived."""
+    """Try a sample of each room; tell the score and what survived."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=1800.0, help="for each room")
-    parser.add_argument("--test-seconds", type=float, default=10.0, help="of a trial, at most")
+    parser.add_argument("rooms", nargs="*", default=list(ROOMS), metavar="ROOM")
+    parser.add_argument("--mutants", type=int, default=50, help="of each room")
+    parser.add_argument("--test-seconds", type=float, default=6.0, help="of a trial, at most")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rooms", nargs="*", choices=TESTS, default=["laws", "identify"])
-    parser.add_argument("--only", default="", help="modules whose path has this in it")
+    parser.add_argument("--root", type=Path, default=ROOT, help="of the tree that is tried")
+    parser.add_argument("--beside", type=Path, help="output for another tree: writes the chapter")
     asked = parser.parse_args()
     for module in WARM:
         importlib.import_module(module)
     gc.freeze()  # else every trial looks through all of them
     with tempfile.TemporaryDirectory(prefix="beltid-mutants-") as folder:
         for name in COPIED:
-            place = Path(folder, name)
-            copy: Callable[..., object] = (
-                shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
-            )
-            copy(ROOT / name, place)
+            source = asked.root / name
+            copy: Callable[..., object] = shutil.copytree if source.is_dir() else shutil.copy2
+            copy(source, Path(folder, name))
+        rows = []
         sys.path.insert(0, folder)
         with contextlib.chdir(folder):
-            for room in asked.rooms:
-                modules = sorted(Path(folder, "beltid", room).glob("*.py"))
-                modules = [m for m in modules if asked.only in m.name]
-                found = [m for p in modules for m in mutants_of(p, Path(folder))]
-                random.Random(asked.seed).shuffle(found)
-                try_room(room, found, asked.seconds, asked.test_seconds)
+            for stated in asked.rooms:
+                room, *places = stated.split(":")
+                sources, tests = places or ROOMS[room].split(":")
+                compiled(room not in KERNELS)
+                rows.append(try_room(room, sources, tests, asked))
+    if asked.beside:
+        theirs = dict(re.findall(r"(?m)^(\w+): (\d+ of \d+) tried seen", asked.beside.read_text()))
+        found = [(*row, theirs[row[0]]) for row in rows]
+        head = ("room", "seen", "not reached by a test", "possible", "seen in the tree beside")
+        put(PAGE, INTRODUCTION.format(**vars(asked)) + table(head, found))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -115,106 +117,61 @@ def a_run(bench: Bench, arc_deg: float, tension_N: float, omega: float, reverse:
     )
 
 
-Fault = Callable[[list[Run]], None]
-"""Changes the tensions of the runs of one bench, which share what the bench shares."""
-
-
-def zeros_drift(leading_N: float, trailing_N: float) -> Fault:
+def zeros_drift(run: Run, leading_N: float, trailing_N: float) -> None:
     """The zeros of the cells move over each record by so much, in newtons."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            course = run.time_s / run.time_s[-1]
-            run.leading += leading_N * course
-            run.trailing += trailing_N * course
-
-    return change
+    course = run.time_s / run.time_s[-1]
+    run.leading += leading_N * course
+    run.trailing += trailing_N * course
 
 
-def held(share: float, spread: float = 0.0, decays: bool = False) -> Fault:
+def held(run: Run, share: float, spread: float = 0.0, decays: bool = False) -> None:
     """Friction that the belt holds at rest, a share of the tension; gone once it slides."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            own = share + spread * run.bench.rng.normal()
-            rest = ~run.turning
-            force = own * run.tension_N * np.ones(np.count_nonzero(rest))
-            if decays:
-                force *= np.exp(-run.time_s[rest] / 0.7)
-            # one side of the bench, whichever way the pulley turns afterwards
-            run.leading[rest] += 0.5 * run.sense * force
-            run.trailing[rest] -= 0.5 * run.sense * force
-
-    return change
+    own = share + spread * run.bench.rng.normal()
+    rest = ~run.turning
+    force = own * run.tension_N * np.ones(np.count_nonzero(rest))
+    if decays:
+        force *= np.exp(-run.time_s[rest] / 0.7)
+    # one side of the bench, whichever way the pulley turns afterwards
+    run.leading[rest] += 0.5 * run.sense * force
+    run.trailing[rest] -= 0.5 * run.sense * force
 
 
-def gain(share: float) -> Fault:
+def gain(run: Run, share: float) -> None:
     """The cell that hangs at the left end reads a share too much."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            if run.sense > 0:
-                run.leading *= 1.0 + share
-            else:
-                run.trailing *= 1.0 + share
-
-    return change
+    tension = run.leading if run.sense > 0 else run.trailing
+    tension *= 1.0 + share
 
 
-def hysteresis(share: float, range_N: float = 1000.0) -> Fault:
+def hysteresis(run: Run, share: float, range_N: float = 1000.0) -> None:
     """The loaded cell lags: what rose reads too little, what fell too much."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            for tension, sign in ((run.leading, -1.0), (run.trailing, 1.0)):
-                away = np.abs(tension - tension[0])
-                tension += sign * share * range_N * -np.expm1(-away / 20.0)
-
-    return change
+    for tension, sign in ((run.leading, -1.0), (run.trailing, 1.0)):
+        away = np.abs(tension - tension[0])
+        tension += sign * share * range_N * -np.expm1(-away / 20.0)
 
 
-def slow_noise(newtons: float, memory_s: float) -> Fault:
+def slow_noise(run: Run, newtons: float, memory_s: float) -> None:
     """Noise of each cell that remembers, an Ornstein-Uhlenbeck process."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            keep = np.exp(-1.0 / (run.bench.rate_Hz * memory_s))
-            for tension in (run.leading, run.trailing):
-                kicks = run.bench.rng.normal(size=tension.size)
-                kicks[1:] *= np.sqrt(1.0 - keep**2)
-                value, course = 0.0, np.empty(tension.size)
-                for i, kick in enumerate(kicks.tolist()):
-                    value = keep * value + kick
-                    course[i] = value
-                tension += newtons * course
-
-    return change
+    keep = np.exp(-1.0 / (run.bench.rate_Hz * memory_s))
+    for tension in (run.leading, run.trailing):
+        kicks = run.bench.rng.normal(size=tension.size)
+        kicks[1:] *= np.sqrt(1.0 - keep**2)
+        tension += newtons * np.fromiter(accumulate(kicks, lambda x, kick: keep * x + kick), float)
 
 
-def seam(share: float, width_rad: float = 0.25) -> Fault:
+def seam(run: Run, share: float, width_rad: float = 0.25) -> None:
     """Friction that rises where the seam of the coating passes, about its mean of a turn."""
+    place = 2.0 * np.pi * run.bench.rng.random()
+    away = np.angle(np.exp(1j * (run.angle_rad - place)))
     mean = width_rad / np.sqrt(2.0 * np.pi)
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            place = 2.0 * np.pi * run.bench.rng.random()
-            away = np.angle(np.exp(1j * (run.angle_rad - place)))
-            _more_friction(run, share * (np.exp(-0.5 * (away / width_rad) ** 2) - mean))
-
-    return change
+    _more_friction(run, share * (np.exp(-0.5 * (away / width_rad) ** 2) - mean))
 
 
-def warming(newtons: float) -> Fault:
+def warming(run: Run, newtons: float) -> None:
     """The leading cell warms while the belt slides."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            run.leading += newtons * -np.expm1(-run.since_start_s / 4.0)
-
-    return change
+    run.leading += newtons * -np.expm1(-run.since_start_s / 4.0)
 
 
-def _more_friction(run: Run, share: Array) -> None:
+def _more_friction(run: Run, share: float | Array) -> None:
     """Raise the friction by a share, at constant sum of the tensions."""
     total = run.leading + run.trailing
     z = np.log(run.leading / run.trailing) * (1.0 + share)
@@ -222,43 +179,24 @@ def _more_friction(run: Run, share: Array) -> None:
     run.trailing[:] = total - run.leading
 
 
-def hum(newtons: float, hertz: float = 49.3) -> Fault:
+def hum(run: Run, newtons: float, hertz: float = 49.3) -> None:
     """Mains in both cells."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            phase = 2.0 * np.pi * run.bench.rng.random()
-            for tension in (run.leading, run.trailing):
-                tension += newtons * np.sin(2.0 * np.pi * hertz * run.time_s + phase)
-
-    return change
+    phase = 2.0 * np.pi * run.bench.rng.random()
+    for tension in (run.leading, run.trailing):
+        tension += newtons * np.sin(2.0 * np.pi * hertz * run.time_s + phase)
 
 
-def converter(step_N: float) -> Fault:
+def converter(run: Run, step_N: float) -> None:
     """Both cells are read in steps."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            for tension in (run.leading, run.trailing):
-                tension[:] = step_N * np.round(tension / step_N)
-
-    return change
+    for tension in (run.leading, run.trailing):
+        tension[:] = step_N * np.round(tension / step_N)
 
 
-def scatter(share: float) -> Fault:
+def scatter(run: Run, share: float) -> None:
     """Runs repeat to a share of their friction only: the truth of a run is its own."""
-
-    def change(runs: list[Run]) -> None:
-        for run in runs:
-            own = share * run.bench.rng.normal()
-            run.mu *= 1.0 + own
-            _more_friction(run, np.full(run.time_s.size, own))
-
-    return change
-
-
-def nothing(runs: list[Run]) -> None:
-    """A bench without faults."""
+    own = share * run.bench.rng.normal()
+    run.mu *= 1.0 + own
+    _more_friction(run, own)
 
 
 def log_tail(x: Array) -> Array:
@@ -271,43 +209,43 @@ def two_tails(x: Array) -> Array:
     return 0.7 * np.exp(-4.0 * x) + 0.3 * np.exp(-0.4 * x)
 
 
-ROWS: dict[str, tuple[dict[str, object], Fault]] = {
-    "clean": ({}, nothing),
-    "tail: logarithm": ({"tail": log_tail}, nothing),
-    "tail: two exponentials": ({"tail": two_tails}, nothing),
-    "tail: power law": ({"tail": lambda x: 1.0 / (1.0 + x) ** 2}, nothing),
-    "runs that scatter by 0.5 %": ({}, scatter(0.005)),
-    "slow noise 1 N, 0.3 s": ({}, slow_noise(1.0, 0.3)),
-    "slow noise 1 N, 1 s": ({}, slow_noise(1.0, 1.0)),
-    "leading zero drifts 0.5 N": ({"rest_s": 2.0}, zeros_drift(0.5, 0.0)),
-    "trailing zero drifts 0.5 N *": ({"rest_s": 2.0}, zeros_drift(0.0, 0.5)),
-    "both zeros drift 0.5 N": ({"rest_s": 2.0}, zeros_drift(0.5, 0.5)),
-    "held at rest, 0.25 %": ({}, held(0.0025)),
-    "held at rest, 2 %": ({}, held(0.02)),
-    "held at rest, 10 %": ({}, held(0.10)),
-    "held at rest, 2 ± 1 %": ({}, held(0.02, 0.01)),
-    "held at rest, 2 %, decaying": ({}, held(0.02, decays=True)),
-    "held at rest, 10 %, decaying": ({}, held(0.10, decays=True)),
-    "held at rest, 2 %, half reversed": ({"reversed_share": 0.5}, held(0.02)),
-    "gain +2 %, half reversed": ({"reversed_share": 0.5}, gain(0.02)),
-    "gain +0.2 % *": ({}, gain(0.002)),
-    "hysteresis 0.05 % of 1 kN *": ({}, hysteresis(0.0005)),
-    "seam of 3 % once a turn *": ({}, seam(0.03)),
-    "seam of 3 %, four turns": ({"distance_rad": 25.0, "rate_Hz": 20.0}, seam(0.03)),
-    "leading cell warms by 1 N *": ({}, warming(1.0)),
-    "converter of 1 N": ({"noise_N": 0.2}, converter(1.0)),
-    "hum of 3 N": ({}, hum(3.0)),
-    "short runs": ({"distance_rad": 0.35}, nothing),
-    "2 samples a second": ({"rate_Hz": 2.0, "rest_s": 4.0}, nothing),
-    "500 samples a second": ({"rate_Hz": 500.0, "distance_rad": 0.7}, nothing),
+ROWS: dict[str, tuple[Any, ...]] = {
+    "clean": ({},),
+    "tail: logarithm": ({"tail": log_tail},),
+    "tail: two exponentials": ({"tail": two_tails},),
+    "tail: power law": ({"tail": lambda x: 1.0 / (1.0 + x) ** 2},),
+    "runs that scatter by 0.5 %": ({}, scatter, 0.005),
+    "slow noise 1 N, 0.3 s": ({}, slow_noise, 1.0, 0.3),
+    "slow noise 1 N, 1 s": ({}, slow_noise, 1.0, 1.0),
+    "leading zero drifts 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.0),
+    "trailing zero drifts 0.5 N *": ({"rest_s": 2.0}, zeros_drift, 0.0, 0.5),
+    "both zeros drift 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.5),
+    "held at rest, 0.25 %": ({}, held, 0.0025),
+    "held at rest, 2 %": ({}, held, 0.02),
+    "held at rest, 10 %": ({}, held, 0.10),
+    "held at rest, 2 ± 1 %": ({}, held, 0.02, 0.01),
+    "held at rest, 2 %, decaying": ({}, held, 0.02, 0.0, True),
+    "held at rest, 10 %, decaying": ({}, held, 0.10, 0.0, True),
+    "held at rest, 2 %, half reversed": ({"reversed_share": 0.5}, held, 0.02),
+    "gain +2 %, half reversed": ({"reversed_share": 0.5}, gain, 0.02),
+    "gain +0.2 % *": ({}, gain, 0.002),
+    "hysteresis 0.05 % of 1 kN *": ({}, hysteresis, 0.0005),
+    "seam of 3 % once a turn *": ({}, seam, 0.03),
+    "seam of 3 %, four turns": ({"distance_rad": 25.0, "rate_Hz": 20.0}, seam, 0.03),
+    "leading cell warms by 1 N *": ({}, warming, 1.0),
+    "converter of 1 N": ({"noise_N": 0.2}, converter, 1.0),
+    "hum of 3 N": ({}, hum, 3.0),
+    "short runs": ({"distance_rad": 0.35},),
+    "2 samples a second": ({"rate_Hz": 2.0, "rest_s": 4.0},),
+    "500 samples a second": ({"rate_Hz": 500.0, "distance_rad": 0.7},),
 }
-"""Row -> what the bench is, and its fault; ``*``: no recording can show it."""
+"""Row -> what the bench is, its fault and the size of that; ``*``: no recording can show it."""
 
 
 def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
     """Return the recording of n runs of a bench, and the true friction of each."""
     rng = np.random.default_rng([seed, n, sum(name.encode())])
-    options, fault = ROWS[name]
+    options, *fault = ROWS[name]
     bench = Bench(
         rng,
         mu_0=rng.uniform(0.5, 1.1),
@@ -315,7 +253,7 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
         rise=rng.uniform(0.1, 0.4),
         peak=rng.uniform(0.02, 0.12),
         length_m=rng.uniform(0.4e-3, 2e-3),
-        **options,  # type: ignore[arg-type]
+        **options,
     )
     arcs, tensions = (30.0, 55.0, 90.0), (80.0, 140.0, 210.0, 290.0, 380.0)
     speeds = (0.07, 0.16, 0.35, 0.7)
@@ -324,7 +262,10 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
     back = rng.permutation(n) < round(bench.reversed_share * n)
     chosen = zip((grid[row] for row in rows), back.tolist(), strict=True)
     runs = [a_run(bench, arc, tension, omega, reverse) for (arc, tension, omega), reverse in chosen]
-    fault(runs)
+    if fault:
+        change, *sizes = fault
+        for run in runs:
+            change(run, *sizes)
     frames = [_frame(f"{i + 1:03d}", run) for i, run in enumerate(runs)]
     return pd.concat(frames, ignore_index=True), np.array([run.mu for run in runs])
 

@@ -97,19 +97,19 @@ def transient() -> dict[str, float]:
 
 def exudyn() -> dict[str, float]:
     """The same limit by Exudyn's static solver: each run by itself, and lay-ons shared."""
-    from exudyn_rig import PLAIN, PeerRig, mu_of  # type: ignore[import-not-found]
+    from exudyn_rig import PeerRig  # type: ignore[import-not-found]
 
     def work(shared: bool) -> Array:
         found = []
         for arc in ARCS_DEG:
-            rig = PeerRig(np.radians(arc), PLAIN)
+            rig = PeerRig(np.radians(arc))
             for T_0 in TENSIONS_N:
                 for k, omega in enumerate(SPEEDS_RAD_S):
                     if not shared:
-                        rig = PeerRig(np.radians(arc), PLAIN)
+                        rig = PeerRig(np.radians(arc))
                     if not shared or k == 0:
                         rig.lay_on(T_0)
-                    found.append(mu_of(rig.slide(omega), rig.beta))
+                    found.append(rig.slide(omega))
         return np.array(found)
 
     work(shared=True)

@@ -11,8 +11,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.model import Bench
 from beltid.rig.runs import STEPS, SimulationSettings, simulate
+from benchmarks import put, table
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "rig"))
@@ -50,22 +50,8 @@ at rest: the tensions at the end of the plateau against those of the steady meth
 """
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [" | ".join(head), " | ".join("---" for _ in head), *(" | ".join(r) for r in rows)]
-    return "\n".join(f"| {line} |" for line in lines) + "\n"
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A rig, its run, and the coefficient of friction as the rod takes it."""
-
-    bench: Bench
-    point: OperatingPoint
-
-
-def draw(rng: np.random.Generator) -> Case:
-    """A rig whose belt lies on the pulley."""
+def draw(rng: np.random.Generator) -> tuple[Bench, OperatingPoint]:
+    """A rig whose belt lies on the pulley, and its run."""
 
     def spread(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(math.log(low), math.log(high))))
@@ -91,12 +77,11 @@ def draw(rng: np.random.Generator) -> Case:
             supports = "clamped" if rng.random() < 0.3 else "pinned"
             rig = Rig(R, span, supports)  # type: ignore[arg-type]
             bench = Bench(Belt(EA, EI, 0.1), rig, Contact(), law, surface)
-            return Case(bench, OperatingPoint(beta, T_0, 0.2))
+            return bench, OperatingPoint(beta, T_0, 0.2)
 
 
-def exact(case: Case) -> tuple[float, float]:
+def exact(bench: Bench, point: OperatingPoint) -> tuple[float, float]:
     """Tensions of the rod [N]."""
-    bench, point = case.bench, case.point
     v = point.omega * bench.rig.R
 
     def mu(f: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -115,9 +100,8 @@ def exact(case: Case) -> tuple[float, float]:
     return rod.solve(point.T_0)
 
 
-def described(case: Case) -> str:
+def described(bench: Bench, point: OperatingPoint) -> str:
     """A rig in a line."""
-    bench, point = case.bench, case.point
     return (
         f"{math.degrees(point.beta):.0f}°, R {1e3 * bench.rig.R:.0f} mm, T0 {point.T_0:.0f} N, "
         f"EI {bench.belt.EI:.2g} N m², k {bench.law.k_linear_N_m2:.2g} N/m² + "
@@ -126,7 +110,7 @@ def described(case: Case) -> str:
     )
 
 
-def in_time(case: Case, rng: np.random.Generator) -> float:
+def in_time(bench: Bench, point: OperatingPoint, rng: np.random.Generator) -> float:
     """Larger difference of the last tensions to the steady ones [%].
 
     Raises
@@ -134,9 +118,9 @@ def in_time(case: Case, rng: np.random.Generator) -> float:
     BeltidError
         If the run fails, or does not settle.
     """
-    point = replace(case.point, omega=float(np.exp(rng.uniform(math.log(0.05), math.log(2.0)))))
+    point = replace(point, omega=float(np.exp(rng.uniform(math.log(0.05), math.log(2.0)))))
     contact = Contact(sticking_ratio=rng.uniform(1.0, 1.5) if rng.random() < 0.5 else 1.0)
-    bench = replace(case.bench, contact=contact)
+    bench = replace(bench, contact=contact)
     steady, run = simulate(bench, point, STEADY), simulate(bench, point, IN_TIME)
     tight = run.tension_tight_N / steady.tension_tight_N - 1.0
     slack = run.tension_slack_N / steady.tension_slack_N - 1.0
@@ -154,18 +138,18 @@ def main() -> int:
     for _ in range(count):
         case = draw(rng)
         try:
-            T_A, T_B = exact(case)
+            T_A, T_B = exact(*case)
         except AssertionError:  # the collocation found no solution: nothing to compare with
             without += 1
             continue
         try:
-            run = simulate(case.bench, case.point, STEADY)
-            away = in_time(case, of_time)
+            run = simulate(*case, STEADY)
+            away = in_time(*case, of_time)
         except BeltidError as error:
-            refused.append(f"{described(case)}: {error}")
+            refused.append(f"{described(*case)}: {error}")
             continue
-        errors = (run.tension_tight_N / T_A - 1.0, run.tension_slack_N / T_B - 1.0)
-        rows.append((*(100.0 * e for e in errors), run.model.nodes.size - 1, case))
+        tight, slack = run.tension_tight_N / T_A - 1.0, run.tension_slack_N / T_B - 1.0
+        rows.append((100.0 * tight, 100.0 * slack, run.model.nodes.size - 1, described(*case)))
         settled.append(away)
     worst = sorted(rows, key=lambda row: -max(abs(row[0]), abs(row[1])))
     both = np.array([row[:2] for row in rows])
@@ -186,11 +170,11 @@ def main() -> int:
         "\nThe ten with the largest errors:\n\n",
         table(
             ("T_tight", "T_slack", "elements", "rig"),
-            [(f"{a:.4f} %", f"{b:.4f} %", str(n), described(c)) for a, b, n, c in worst[:10]],
+            [(f"{a:.4f} %", f"{b:.4f} %", str(n), rig) for a, b, n, rig in worst[:10]],
         ),
         *(f"\n- refused: {line}" for line in refused),
     ]
-    RESULTS.write_text("".join(parts).rstrip() + "\n", encoding="utf-8")
+    put(RESULTS, "".join(parts))
     print("".join(parts))
     print(f"{time.perf_counter() - start:.0f} s; written to {RESULTS.name}", file=sys.stderr)
     return int(np.abs(both).max() > ALLOWED or bool(refused))
