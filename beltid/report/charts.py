@@ -12,6 +12,7 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -43,7 +44,8 @@ GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 ORDERED: Final = "cividis"
-TWO: Final = {"nrows": 2, "sharex": True}  # axes of a chart: one above the other; in space
+ONE: Final[Mapping[str, Any]] = {}  # axes of a chart; one above the other; in space
+TWO: Final = {"nrows": 2, "sharex": True}
 SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
@@ -111,8 +113,8 @@ class Chart(NamedTuple):
     title: str
     draw: Callable[..., str | tuple[str, str]]
     names: tuple[str, ...]
-    once: bool = False
-    panels: Mapping[str, Any] = {}
+    once: bool
+    panels: Mapping[str, Any]
 
     def pictures(self, results: Any) -> list[Picture]:
         """Draw the chart of every artifact that it is for."""
@@ -147,18 +149,26 @@ class Chart(NamedTuple):
 CHARTS: Final[dict[str, Chart]] = {}
 
 
-def chart(key: str, title: str, *names: str, **about: Any) -> Callable[..., Callable[..., Any]]:
+def chart(
+    key: str,
+    title: str,
+    *names: str,
+    once: bool = False,
+    panels: Mapping[str, Any] = ONE,
+    **options: Any,
+) -> Callable[..., Callable[..., Any]]:
     """Register a function as a chart, a picture for each of its artifacts that there is.
 
     It is called with axes, artifact and results of the belt (without `names`, with axes and the
     results of several belts), and returns its caption, or title and caption. {name} and {of} are
     name and label of the artifact; what follows a colon of the key is the id within the page.
 
-    about: `once`, whether it draws the first of its artifacts only; `panels`, what axes it gets.
+    once: whether it draws the first of its artifacts only; panels: what axes it gets; other
+    options are arguments of the function.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:
-        CHARTS[key] = Chart(key, title, draw, names, **about)
+        CHARTS[key] = Chart(key, title, partial(draw, **options), names, once, panels)
         return draw
 
     return register
