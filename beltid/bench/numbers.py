@@ -70,20 +70,18 @@ class NumberSigns:
         cls, cells: Iterable[str], decimal: str | None = None, thousands: str | None = None
     ) -> NumberSigns:
         """Detect the signs in some cells; stated signs take precedence."""
-        decimals, groups = set(), set()
-        for cell in cells:
-            plain = cell.translate(_PLAIN)
-            match = GROUPED.fullmatch(plain)
-            if match is None:
+        decimals, groups = set[str | None](), set[str]()
+        for plain in (cell.translate(_PLAIN) for cell in cells):
+            if (match := GROUPED.fullmatch(plain)) is None:
                 single = _SINGLE.fullmatch(plain)
-                decimals |= {single["point"]} - {None} if single else set()
+                decimals.add(single["point"] if single else None)
             elif match["point"] or match["more"] or match["sign"] in "' ":
                 groups.add(match["sign"])
-                decimals |= {match["point"] or _OTHER.get(match["sign"])} - {None}
+                decimals.add(match["point"] or _OTHER.get(match["sign"]))
         if decimal is None:
-            decimal = _OTHER.get(thousands or "", "," if decimals == {","} else ".")
+            decimal = _OTHER.get(thousands or "", "," if decimals - {None} == {","} else ".")
         if thousands is None:
-            thousands = next((sign for sign in sorted(groups) if sign != decimal), "")
+            thousands = min(groups - {decimal}, default="")
         return cls(decimal, thousands)
 
     def number(self, cell: str) -> float | str:
@@ -97,10 +95,8 @@ class NumberSigns:
             return NO_NUMBER
         sign, point = match["sign"], match["point"]
         if point not in (None, self.decimal) or sign == self.decimal:
-            other = point or _OTHER[sign]
-            return (
-                f'{NO_NUMBER} (if its decimal sign is "{other}": dialect: {{decimal: "{other}"}})'
-            )
+            stated = '"{0}": dialect: {{decimal: "{0}"}}'.format(point or _OTHER[sign])
+            return f"{NO_NUMBER} (if its decimal sign is {stated})"
         if sign == self.thousands or point or match["more"] or sign in "' ":
             return float(text.replace(sign, "").replace(",", "."))
         return (
@@ -114,35 +110,32 @@ def numbers_of(
 ) -> np.ndarray:
     """Convert texts to numbers, nan for a missing one; report what is none or ambiguous."""
     codes, cells = pd.factorize(texts)
-    values = np.full(len(cells) + 1, np.nan)
-    wrong: dict[int, str] = {}
-    for code, cell in enumerate(cells):
-        text = str(cell).strip()
-        value = np.nan if text in MISSING else signs.number(text)
-        if isinstance(value, str):
-            short = text if len(text) <= 40 else text[:37] + "..."
-            wrong[code] = f'{shown} = "{short}", {value}'
-        else:
-            values[code] = value
-    rows = np.flatnonzero(np.isin(codes, list(wrong)))
-    problems.add_alike(rows, lambda i: wrong[codes[i]], place)
-    return values[codes]
+    words = [str(cell).strip() for cell in cells]
+    read = [np.nan if word in MISSING else signs.number(word) for word in words]
+    wrong = {code: why for code, why in enumerate(read) if isinstance(why, str)}
+
+    def told(row: int) -> str:
+        """Quote the text in a row, and say why it is no number."""
+        word = words[codes[row]]
+        short = word if len(word) <= 40 else word[:37] + "..."
+        return f'{shown} = "{short}", {wrong[codes[row]]}'
+
+    problems.add_alike(np.flatnonzero(np.isin(codes, list(wrong))), told, place)
+    return np.array([*(np.nan if isinstance(v, str) else v for v in read), np.nan])[codes]
 
 
 def word_of(value: Any) -> str | None:
     """Return a label as text: whole numbers without a decimal point, None if it is missing."""
-    if is_missing(value):
-        return None
     if isinstance(value, (float, np.floating)) and float(value).is_integer():
         value = int(value)
-    return str(value).strip() or None
+    return None if is_missing(value) else str(value).strip() or None
 
 
 def words_of(values: pd.Series) -> np.ndarray:
     """Return a column of labels as an object array of str, None where one is missing."""
     codes, labels = pd.factorize(values)
-    words = [word_of(label) for label in labels]
-    return np.array([None if w in MISSING else w for w in words] + [None], dtype=object)[codes]
+    words = (word_of(label) for label in labels)
+    return np.array([*(None if w in MISSING else w for w in words), None], dtype=object)[codes]
 
 
 # --- clock times ---------------------------------------------------------------------------------
@@ -170,25 +163,24 @@ def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     days, unclear = _days(pd.Series([*written, "1970-01-01"], dtype="str"))
     moment = pd.Series(days.to_numpy()[codes]) + time
     wrong = moment.isna() | (has != has.loc[texts.first_valid_index() or 0]).any(axis=1)
-    counts = moment.to_numpy("datetime64[ns]").view(np.int64)
-    return counts, wrong.to_numpy(), unclear.to_numpy()[codes]
+    nanoseconds = moment.to_numpy("datetime64[ns]").view(np.int64)
+    return nanoseconds, wrong.to_numpy(), unclear.to_numpy()[codes]
 
 
 def _days(texts: pd.Series) -> tuple[pd.Series, pd.Series]:
     """Read dates, and tell which can be month/day as well as day/month."""
     parts = texts.str.extract(_DATE)
     a, b, c = (pd.to_numeric(parts[name]) for name in "abc")
-    ordered = (parts["a"].str.len() == 4) | (parts["mark"] == ".") | a.isna()
-    # 20/11 shows the order for all dates of the column; 03/04 alone does not
-    month_first = bool((~ordered & (b > 12)).any())
-    shown = month_first or (~ordered & (a > 12)).any()
     is_iso = parts["a"].str.len() == 4
-    month, day = (a, b) if month_first else (b, a)
-    year = c.where(c >= 100, c + 2000)
-    table = {"year": a.where(is_iso, year), "month": b.where(is_iso, month)}
-    days = pd.to_datetime(pd.DataFrame({**table, "day": c.where(is_iso, day)}), errors="coerce")
+    either = ~(is_iso | (parts["mark"] == ".") | a.isna())
+    # 20/11 shows the order for all dates of the column; 03/04 alone does not
+    month_first = bool((either & (b > 12)).any())
+    shown = month_first or (either & (a > 12)).any()
+    day_month_year = (b if month_first else a, a if month_first else b, c.where(c >= 100, c + 2000))
+    units = zip(("day", "month", "year"), (c, b, a), day_month_year, strict=True)
+    table = pd.DataFrame({unit: iso.where(is_iso, other) for unit, iso, other in units})
     # on the first day itself the order does not matter
-    return days, ~ordered & (not shown) & (texts.index > 0)
+    return pd.to_datetime(table, errors="coerce"), either & (not shown) & (texts.index > 0)
 
 
 @dataclass(slots=True)
@@ -208,16 +200,14 @@ class Clock:
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
         missing, day_ns = text.isna().to_numpy(), int(DAY_S * 1e9)
-        either = "may be day/month or month/day: write dates as 2026-11-20"
-        other = (
+        why = (
             "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the "
-            "first time with or without a date or a zone"
+            "first time with or without a date or a zone",
+            "may be day/month or month/day: write dates as 2026-11-20",
         )
         self.problems.add_alike(
             np.flatnonzero((wrong & ~missing) | unclear),
-            lambda i: (
-                f'{self.name} = "{str(text.iloc[i])[:40]}", {either if unclear[i] else other}'
-            ),
+            lambda i: f'{self.name} = "{str(text.iloc[i])[:40]}", {why[int(unclear[i])]}',
             place,
         )
         read = ~(wrong | unclear | missing)
@@ -233,10 +223,8 @@ class Clock:
         for rows in np.split(order, np.flatnonzero(np.diff(runs[order])) + 1):
             steps = np.diff(time[rows])
             night = (steps < -0.5 * DAY_S) & (not dated)
-            back = np.flatnonzero((steps < 0) & ~night)
-            at, wrong = rows[:1], ""
+            back, wrong = np.flatnonzero((steps < 0) & ~night), ""
             if back.size:
-                at = rows[back[0] + 1 :]
                 of_day = pd.to_timedelta(np.round(time[rows[back[0] :][:2]] % DAY_S, 3), "s")
                 span = " to ".join(str(pd.Timestamp(0) + of)[11:23] for of in of_day)
                 wrong = f"goes back from {span} without passing midnight, must not go backwards"
@@ -245,7 +233,7 @@ class Clock:
                 wrong = "stays the same from sample to sample more often than it changes: its "
                 wrong += "resolution is too coarse for the time of the samples"
             if wrong:
-                where, line = place(int(at[0]))
+                where, line = place(int(rows[back[0] + 1 if back.size else 0]))
                 self.problems.add(f"{where}: {self.name} {wrong}", line)
             time[rows[1:]] += np.cumsum(night) * DAY_S
             self.midnights += int(night.sum())
