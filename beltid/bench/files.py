@@ -105,8 +105,7 @@ def content_of(path: Path, besides: Sequence[Path] = ()) -> str:
     if not is_many(path):
         with opened(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    sources = sources_of(path, besides)
-    lines = [f"{s.inside.as_posix()}\0{content_of(s.path)}\n" for s in sources]
+    lines = [f"{s.inside.as_posix()}\0{content_of(s.path)}\n" for s in sources_of(path, besides)]
     return sha256("".join(lines).encode(errors="surrogateescape"))
 
 
@@ -123,10 +122,9 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
 
     ignored = _COMPANIONS | _NOT_RECORDINGS if path.is_dir() else _COMPANIONS
     try:
-        found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
         files = [
             f
-            for f in found
+            for f in (path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path))))
             if not f.is_dir()
             and (f.is_file() or f.is_symlink())  # the reader reports a dead link
             and not f.name.startswith((".", "~$"))
@@ -204,8 +202,7 @@ def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray,
         try:
             data = bytearray(data.decode(encoding).encode())
         except UnicodeDecodeError as error:
-            is_windows = re.search(rb"[\x80-\x9f]", data)
-            if stated or is_windows or b"\0" in data:
+            if stated or re.search(rb"[\x80-\x9f]", data) or b"\0" in data:
                 line = data[: error.start].count(b"\n") + 1
                 hint = "" if stated else "; if it is of Windows, set dialect: {encoding: cp1252}"
                 raise InputError(

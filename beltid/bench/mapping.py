@@ -96,14 +96,14 @@ class Needs:
         if dialect.decimal is not None and dialect.decimal == dialect.thousands:
             both = "config: dialect.decimal and dialect.thousands are both"
             raise InputError(f'{both} "{dialect.decimal}", must differ')
-        weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
         return cls(
             table,
             config.columns[kind],
             config.units[kind],
             runs["pattern"],
             runs["table"],
-            values=weight | runs["values"],
+            values=({"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {})
+            | runs["values"],
             dialect=dialect,
             measures=(rig.kind, rig.weight_on),
         )

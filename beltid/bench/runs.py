@@ -222,8 +222,7 @@ class Checker:
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
             rows = np.flatnonzero(self.codes == run)
             guess = other_unit(column, kind, values[rows])
-            is_idle = "idle" in self.columns and "true" in self.columns["idle"][rows]
-            if guess and not is_idle:
+            if guess and not ("idle" in self.columns and "true" in self.columns["idle"][rows]):
                 where = f"{place}, {self.table.label} {self.label[rows[0]]}"
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)

@@ -13,16 +13,17 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.style import context
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from beltid.report.results import LABELS, BeltResults, Sheet
 from beltid.report.summary import axis, quantity
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
 HEIGHT: Final = 4.4
@@ -72,8 +73,6 @@ SETTINGS: Final[Any] = {
 
 def styled(**other: Any) -> Any:
     """Return a context with this style, independent of the user's matplotlib settings."""
-    from matplotlib.style import context
-
     return context({**SETTINGS, **other}, after_reset=True)
 
 
@@ -88,8 +87,6 @@ def group(index: int, **other: Any) -> dict[str, Any]:
 
 def shades(count: int) -> list[np.ndarray]:
     """Return the colours of an ordered quantity with `count` values, dark for the lowest."""
-    import matplotlib as mpl
-
     return list(mpl.colormaps[ORDERED](0.74 * np.linspace(0.0, 1.0, count)))
 
 
@@ -121,14 +118,11 @@ class Chart(NamedTuple):
         if not self.names:
             return [self._picture("", results)]
         present = results.every(*self.names)[: 1 if self.once else None]
-        absent = f"there is no {self.names[0]}.parquet"
         return [self._picture(of.name, of, results) for of in present] or [
-            Picture(self.key, self._titled(self.names[0]), absent)
+            Picture(self.key, self._titled(self.names[0]), f"there is no {self.names[0]}.parquet")
         ]
 
     def _picture(self, name: str, *data: Any) -> Picture:
-        from matplotlib.figure import Figure
-
         key, title = self.key.format(name=name).rpartition(":")[2], self._titled(name)
         with styled():
             fig = Figure(figsize=(WIDTH, HEIGHT))
@@ -224,8 +218,6 @@ def draw_groups(
 
 def logarithmic(axes: Axes, along: str) -> None:
     """Make an axis logarithmic with plain numbers, and say so, if its data span a wide range."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     low, high = getattr(axes.dataLim, f"interval{along}")
     if not 0.0 < WIDE * low <= high < np.inf:
         return

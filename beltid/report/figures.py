@@ -13,6 +13,8 @@ from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
 
 from beltid.errors import percent
 from beltid.report import charts
@@ -116,8 +118,7 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     away = np.abs(curves["temperature_degC"] - at[rows, None])
     for k, colour in enumerate(charts.shades(rows.size)):
         _branches(axes, curves, away[k] <= away.min(axis=0), color=colour, lw=1.0, label="")
-        label = f"{at[rows[k]]:g} °C"
-        _law(axes, stiffness, rows[k], ls=":", color=colour, lw=2.2, label=label)
+        _law(axes, stiffness, rows[k], ls=":", color=colour, lw=2.2, label=f"{at[rows[k]]:g} °C")
     lost = (
         "The area between loading and unloading is the energy lost in a cycle."
         if "unloading" in curves["branch"]
@@ -215,8 +216,7 @@ def over_force(
                 draw(axes, data, FORCE, mu, rows, color=colour, **errors, **own)
         named.append((axes.plot([], [], color=colour, lw=4)[0], class_name(speed[at_speed])))
     if named and not axes.figure.legends:
-        speeds = zip(*named[::-1], strict=True)
-        axes.figure.legend(*speeds, title=title, loc="outside right upper")
+        axes.figure.legend(*zip(*named[::-1], strict=True), title=title, loc="outside right upper")
     for own, rows in zip(looks if arc.any() else (), by_arc, strict=False):
         axes.plot([], [], color=charts.FAINT, label=f"arc {class_name(arc[rows], '°')}", **own)
 
@@ -270,8 +270,6 @@ def sampled(sheet: Sheet, force: int, speed: int) -> tuple[np.ndarray, ...]:
 
 @chart("map-{name}", "The {of} surface as a map (Fig. 13 (b))", *SURFACES)
 def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    from matplotlib.ticker import MaxNLocator
-
     f, v, mu = sampled(sheet, 81, 61)
     wider = 0.01 * (np.ptp(mu) < 1e-6 * mu.max())  # of a constant
     levels = MaxNLocator(LEVELS).tick_values((1 - wider) * mu.min(), (1 + wider) * mu.max())
@@ -356,8 +354,7 @@ def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     over_force(axes, data, "mu_simulated", band=band, marker="o", mfc="none", ms=8, lw=1.4)
     axes.plot([], [], "s", color=charts.FAINT, label="measured")
     axes.plot([], [], "-o", color=charts.FAINT, mfc="none", ms=8, label="simulated")
-    title = f"Measured against simulated, {sheet.label} (Fig. 17)"
-    return title, f"Means over the arcs. {said}."
+    return f"Measured against simulated, {sheet.label} (Fig. 17)", f"Means over the arcs. {said}."
 
 
 @chart("differences", "Differences run by run", *COMPARED, HELD_OUT, once=True, panels=TWO)
@@ -452,8 +449,6 @@ def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
 
 @chart("drawing", "The drive and its forces", "drive")
 def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    from matplotlib.patches import Circle
-
     torque = np.abs(sheet["torque_N_m"])
     steady = np.where(np.isfinite(sheet["speed_loss_rad_s"]), np.nan_to_num(torque), 0.0)
     none = "no point has a steady torque, or the places of the pulleys are unknown"

@@ -110,8 +110,7 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     """Collect warnings and notes of artifacts once, warnings first; name what one surface says."""
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
-        warnings = [f"Warning: {line}" for line in sheet.record.warnings]
-        for line in (*warnings, *sheet.record.notes):
+        for line in (*[f"Warning: {line}" for line in sheet.record.warnings], *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
     notes = [
         f"{of[0].label}: {line}" if len(of) == 1 and of[0].name in LABELS else line
