@@ -192,7 +192,7 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     found, left_out = list[Written](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
-        if not (record.get("abscissa_spec_data_type") == 17) or np.iscomplexobj(record["data"]):
+        if record.get("abscissa_spec_data_type") != 17 or np.iscomplexobj(record["data"]):
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
             continue
         said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
@@ -369,8 +369,8 @@ def _group(group: Any, place: str) -> Variables:
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             raise InputError(f"{place}: {name} is a link, which is not followed")
         item = group[name]
-        read = _group(item, place) if isinstance(item, h5py.Group) else _dataset(name, item)
-        members[name] = read
+        is_group = isinstance(item, h5py.Group)
+        members[name] = _group(item, place) if is_group else _dataset(name, item)
     return members
 
 

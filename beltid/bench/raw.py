@@ -121,8 +121,7 @@ def table_of(table: pa.Table, place: str) -> Raw:
         name, kind = entry.name, values.type
         if name in columns:
             raise InputError(f"{place}: column {name} occurs several times, must be once")
-        if unit := (entry.metadata or {}).get(b"unit", b"").decode(errors="replace"):
-            units[name] = unit
+        units[name] = (entry.metadata or {}).get(b"unit", b"").decode(errors="replace")
         if types.is_duration(kind):
             nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
             columns[name], units[name] = nanoseconds / 1e9, "s"
@@ -135,11 +134,11 @@ def table_of(table: pa.Table, place: str) -> Raw:
                 words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
                 is_words = types.is_string(words.type) or types.is_large_string(words.type)
                 if is_words and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
-                    what = f"holds texts of more than {LONGEST_TEXT} bytes"
-                    raise InputError(f"{place}: column {name} {what}")
+                    long = f"texts of more than {LONGEST_TEXT} bytes"
+                    raise InputError(f"{place}: column {name} holds {long}")
             columns[name] = pd.array(values.cast(pa.large_string()), dtype="str")
-    frame = pd.DataFrame(columns, copy=False)
-    return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
+    frame, notes = pd.DataFrame(columns, copy=False), tuple(left_out)
+    return Raw(place, frame, format="Parquet", units=units, notes=notes)
 
 
 def frame_of(frame: Any, place: str) -> Raw:
@@ -150,24 +149,19 @@ def frame_of(frame: Any, place: str) -> Raw:
             "of columns"
         )
     names = getattr(frame, "column_names", getattr(frame, "columns", frame))
-    columns = {str(name): frame[name] for name in dict.fromkeys(names)}
-    lists = {name: _arrow(values) for name, values in columns.items() if np.ndim(values) == 1}
+    lists = {str(name): frame[name] for name in dict.fromkeys(names) if np.ndim(frame[name]) == 1}
+    for name, values in lists.items():
+        try:
+            is_arrow = isinstance(values, (pa.Array, pa.ChunkedArray))
+            lists[name] = values if is_arrow else pa.array(values, from_pandas=True)
+        except (pa.ArrowException, ValueError, TypeError):  # values of several types
+            lists[name] = pa.array([word_of(value) for value in values], pa.string())
     lengths = sorted({len(values) for values in lists.values()})
     if len(lengths) > 1:
         raise InputError(f"{place}: the columns have different lengths {lengths}")
     if lengths in ([], [0]):
         raise InputError(f"{place}: holds no samples")
     return table_of(pa.table(lists), place)
-
-
-def _arrow(values: Any) -> Any:
-    """Return a list as an Arrow array, of texts if its values are of several types."""
-    if isinstance(values, (pa.Array, pa.ChunkedArray)):
-        return values
-    try:
-        return pa.array(values, from_pandas=True)
-    except (pa.ArrowException, ValueError, TypeError):
-        return pa.array([word_of(value) for value in values], pa.string())
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -189,15 +183,12 @@ def split_unit(name: str) -> tuple[str, str]:
 
 def distinct_names(names: Sequence[str]) -> list[str]:
     """Number the channel names that occur several times: ``Kraft #2 [N]``."""
-    counts, positions = Counter(names), Counter[str]()
-    distinct = []
-    for name in names:
-        positions[name] += 1
-        if name and counts[name] > 1:
-            bare = split_unit(name)[0]
-            bare = bare if name.startswith(bare) else name
-            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
-        distinct.append(name)
+    distinct = [*names]
+    for name in (name for name, count in Counter(names).items() if name and count > 1):
+        bare = split_unit(name)[0] if name.startswith(split_unit(name)[0]) else name
+        places = (i for i, other in enumerate(names) if other == name)
+        for k, i in enumerate(places, start=1):
+            distinct[i] = f"{bare} #{k}{name[len(bare) :]}"
     return distinct
 
 
@@ -227,17 +218,23 @@ def simplified(name: str) -> str:
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     """Return our columns that a channel's name can mean: a key with fillers only around it."""
     plain, columns = simplified(name), (*schemas.table(kind).names, "file")
-    roles = []
-    for role, (keys, fillers) in _vocabulary().items():
-        rests = (key.sub(" ", plain, count=1) for key in keys if key.search(plain))
-        if role in columns and any(fillers.issuperset(rest.split()) for rest in rests):
-            roles.append(role)
-    return tuple(roles)
+    return tuple(
+        role
+        for role, (keys, fillers) in _vocabulary().items()
+        if role in columns
+        and any(
+            fillers.issuperset(key.sub(" ", plain, count=1).split())
+            for key in keys
+            if key.search(plain)
+        )
+    )
 
 
 def span_of(name: str) -> str:
     """Return the span that a channel's name tells: "tight", "slack" or ""."""
-    plain, words = simplified(name), _vocabulary()
-    keys = {span: words[f"tension_{span}_N"][0] for span in ("tight", "slack")}
-    told = [span for span, of in keys.items() if any(key.search(plain) for key in of)]
+    told = [
+        span
+        for span in ("tight", "slack")
+        if any(key.search(simplified(name)) for key in _vocabulary()[f"tension_{span}_N"][0])
+    ]
     return told[0] if len(told) == 1 else ""

@@ -289,8 +289,8 @@ def inspect_recording(
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
     pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
-        stated = {kind: {**config.runs[kind], "pattern": pattern}}
-        config = config.model_copy(update={"runs": config.runs | stated})
+        runs = config.runs | {kind: {**config.runs[kind], "pattern": pattern}}
+        config = config.model_copy(update={"runs": runs})
     try:
         recording = read_recording(path, kind, config)
     except InputError as error:

@@ -44,8 +44,7 @@ class Sheet(Artifact):
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
-        unknown = np.full(len(next(iter(self.columns.values()))), np.nan)
-        return self.columns.get(column, unknown)
+        return self.columns.get(column, np.full(len(next(iter(self.columns.values()))), np.nan))
 
     def rows(self, name: str) -> list[dict[str, Any]]:
         """Return a further table; empty if there is none."""

@@ -206,8 +206,7 @@ def show(summary: Summary, console: Any, *, complete: bool = False) -> None:
             unwrapped = getattr(part, "no_wrap", None) is True
             console.print(part, markup=False, highlight=False, soft_wrap=unwrapped)
     # strip the blanks with which a table fills its last column: they disturb programs
-    lines = map(str.rstrip, capture.get().splitlines())
-    console.file.write("\n".join(lines).strip("\n") + "\n")
+    console.file.write("\n".join(map(str.rstrip, capture.get().splitlines())).strip("\n") + "\n")
 
 
 def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
