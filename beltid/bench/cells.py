@@ -1,7 +1,7 @@
 """Tables of cells: text files (CSV of any dialect, exports of testing machines), workbooks (.xlsx).
 
 Arrow reads the rows of a text. Where a cell is not the number that its column began with, all cells
-are read as texts, and `numbers` judges those that are needed.
+are read as texts, and `raw` judges those that are needed.
 """
 
 from __future__ import annotations
@@ -25,8 +25,19 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import GROUPED, MISSING, NumberSigns, is_clock, is_date, is_number
-from beltid.bench.raw import Field, Raw, distinct_names, first_texts, is_unit
+from beltid.bench.raw import (
+    GROUPED,
+    MISSING,
+    Field,
+    NumberSigns,
+    Raw,
+    distinct_names,
+    first_texts,
+    is_clock,
+    is_date,
+    is_number,
+    is_unit,
+)
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
 from beltid.store.disk import MAX_BYTES

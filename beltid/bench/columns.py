@@ -10,8 +10,16 @@ import numpy as np
 
 from beltid.bench import cells, mapping
 from beltid.bench.mapping import Found, Needs, channels_of, meant, resolved
-from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
-from beltid.bench.raw import Field, Raw, codes_of, is_text
+from beltid.bench.raw import (
+    DAY_S,
+    Clock,
+    Field,
+    Raw,
+    codes_of,
+    is_text,
+    numbers_of,
+    words_of,
+)
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import Problems
 from beltid.tables.schemas import SETTINGS, Column
@@ -77,11 +85,11 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     if clock.first:
         columns["time_s"] = clock.elapsed(columns["time_s"], codes_of(labels)[0], part.at)
         notes.append(clock.note)
-    labels = codes_of(labels)[1] if label in stated and "time_s" in needs.table.names else ()
-    if len(labels) > 1:
+    is_one = label in stated and "time_s" in needs.table.names
+    if is_one and (count := len(codes_of(labels)[1])) > 1:
         problems.add(
             f"{raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
-            f"{label} holds {len(labels)} labels"
+            f"{label} holds {count} labels"
         )
     for role, value in stated.items():
         is_word = isinstance(value, str)

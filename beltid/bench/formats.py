@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import NumberSigns, numbers_of
-from beltid.bench.raw import POSITION, Field, Raw
+from beltid.bench.raw import POSITION, Field, NumberSigns, Raw, numbers_of
 from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 from beltid.tables.units import CONVERSIONS, T, conversion
@@ -67,14 +66,14 @@ def tables_of(
             left_out.append(f"channel {channel.name} left out: no plain numbers")
         elif values.size:
             key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-            time = pd.DataFrame({} if times is None else {TIME: times})
-            raw = parts.setdefault(key, Raw(place, time, name, form, dict.fromkeys(time, "s")))
+            time, units = ({}, {}) if times is None else ({TIME: times}, {TIME: "s"})
+            raw = parts.setdefault(key, Raw(place, pd.DataFrame(time), name, form, units))
             alike = sum(POSITION.sub("", str(known)) == channel.name for known in raw.frame)
             own = f"{channel.name} #{alike + 1}" if alike else channel.name
             raw.frame[own] = column_of(values)
             raw.units[own], raw.scaling[own] = channel.unit, channel.scaling
-    told = {"fields": tuple(fields), "notes": tuple(left_out)}
-    return [replace(raw, **told) for raw in parts.values()]
+    said, notes = tuple(fields), tuple(left_out)
+    return [replace(raw, fields=said, notes=notes) for raw in parts.values()]
 
 
 def column_of(values: np.ndarray) -> Any:

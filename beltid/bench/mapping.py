@@ -16,13 +16,15 @@ from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.numbers import NumberSigns, is_clock, is_date
 from beltid.bench.raw import (
     IN_NAME,
     POSITION,
     Field,
+    NumberSigns,
     Raw,
     first_texts,
+    is_clock,
+    is_date,
     is_unit,
     roles_meant,
     simplified,
@@ -75,7 +77,7 @@ class Needs:
 
     table: Table
     names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
-    units: Mapping[str, str | Mapping[str, float]] = field(default_factory=dict)
+    units: Mapping[str, Any] = field(default_factory=dict)  # our column -> unit, calibration
     pattern: str | None = None  # of the file names, with label and settings
     run_table: Path | None = None  # with a row per file
     rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of it, by file or group
@@ -323,30 +325,43 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tupl
     if is_word:
         return conversion(stated, ours)
     both = [canonical_unit(u) for u in channel.units if conversion(u, ours)]
-    if len({conversion(u, ours) for u in both}) > 1:
-        return f"is in {both[0]} by its name and in {both[1]} by its unit", *both
-    if scaling := channel.raw.scaling.get(channel.key):
-        what = f"holds whole numbers, but the file states {scaling}, which was not applied"
-        return what, factors, ours
-    if plain in ("", "-"):
-        if found.how == "recognised":
-            return "has no unit", ours, *(["rpm"] if ours == "rad/s" else [])
-        ending = channel.key.rpartition("_")[2]
-        is_other = conversion(ending, ours) not in (None, Conversion(1.0))
-        return (f"may be in {ending} by its name", ending, ours) if is_other else None
-    if plain in RAW:
-        per = f"250 {ours}/{'mV' if plain == 'mV' else 'V'}"
-        return f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"
-    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND:
-        return f"is in {unit}, turns or radians", "rev/s", "rad/s"
-    if ours == "rad/s" and plain in ("m/s", "mm/s"):
-        return f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"
-    if by is None and plain != "1":
+    ending, scaling = channel.key.rpartition("_")[2], channel.raw.scaling.get(channel.key)
+    unitless, is_guess, is_turning = plain in ("", "-"), found.how == "recognised", ours == "rad/s"
+    not_applied = f"holds whole numbers, but the file states {scaling}, which was not applied"
+    per = f"250 {ours}/{'mV' if plain == 'mV' else 'V'}"
+    unclear: tuple[tuple[Any, ...], ...] = (  # whether it is, what it is, what may be stated
+        (
+            len({conversion(u, ours) for u in both}) > 1,
+            f"is in {' by its name and in '.join(both)} by its unit",
+            *both,
+        ),
+        (scaling, not_applied, factors, ours),
+        (unitless and is_guess, "has no unit", ours, *(["rpm"] if is_turning else [])),
+        (
+            unitless and conversion(ending, ours) not in (None, Conversion(1.0)),
+            *(f"may be in {ending} by its name", ending, ours),
+        ),
+        (
+            plain in RAW,
+            *(f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"),
+        ),
+        (
+            is_turning and unit.strip(" []()").replace(" ", "") in _PER_SECOND,
+            *(f"is in {unit}, turns or radians", "rev/s", "rad/s"),
+        ),
+        (
+            is_turning and plain in ("m/s", "mm/s"),
+            *(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"),
+        ),
+    )
+    if answer := next((answer for holds, *answer in unclear if holds), None):
+        return tuple(answer)
+    if by is None and plain not in NO_UNIT:
         allowed = CONVERSIONS.get(ours, {})
         near = difflib.get_close_matches(plain, allowed, 1, 0.8)
         what = f"is in {unit}, must be one of {', '.join(allowed)}"
         return what, *near, "{factor: ..., offset: 0}"
-    return by
+    return None if unitless else by
 
 
 def refuse_missing(

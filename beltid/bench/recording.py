@@ -18,8 +18,15 @@ from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.formats import TIME
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant, rig_of
-from beltid.bench.numbers import numbers_of, word_of
-from beltid.bench.raw import Raw, codes_of, frame_of, is_text, read_parquet
+from beltid.bench.raw import (
+    Raw,
+    codes_of,
+    frame_of,
+    is_text,
+    numbers_of,
+    read_parquet,
+    word_of,
+)
 from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
