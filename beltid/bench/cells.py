@@ -215,7 +215,6 @@ def _top(data: bytearray, place: str) -> list[str]:
 
 
 def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head, str]:
-    """Find header and separator."""
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
     first = next((i for i, line in enumerate(top) if not remark.match(line)), None)
     if first is None:
@@ -420,7 +419,6 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
 
 
 def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
-    """Return a row without the empty cells at its end."""
     length = max((i + 1 for i, cell in enumerate(row) if cell not in (None, "")), default=0)
     if length > MAX_COLUMNS:
         raise InputError(f"{place}: {length} columns, must be at most {MAX_COLUMNS}")
@@ -462,7 +460,6 @@ def _shown(cell: Any) -> str:
 
 
 def _column(cells: list[Any]) -> Any:
-    """Return the cells of a column as numbers or texts."""
     kinds = {type(cell) for cell in cells if cell is not None and cell != ""}
     if kinds and kinds <= {int, float}:
         return np.array([np.nan if c is None or c == "" else float(c) for c in cells])

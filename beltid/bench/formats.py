@@ -184,11 +184,10 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     data = path.read_bytes()  # what the library would read wrong is refused
     if not data.rstrip().endswith(b"-1"):
         raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
-    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
-        if not re.match(rb"\s*[12]\s+2\b", head):
-            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
-    file = pyuff.UFF(str(path))
-    found, left_out = list[Written](), list[str]()
+    heads = re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE)
+    if not all(re.match(rb"\s*[12]\s+2\b", head) for head in heads):
+        raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
+    file, found, left_out = pyuff.UFF(str(path)), list[Written](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         if record.get("abscissa_spec_data_type") != 17 or np.iscomplexobj(record["data"]):

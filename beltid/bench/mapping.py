@@ -314,7 +314,7 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:
     """Return the conversion of a channel; what is unclear and its answers; None: no unit stated."""
     channel, ours = found.channel, column.unit
-    unit, stated = channel.unit, needs.units.get(column.name)
+    unit, stated = channel.unit, needs.units.get(column.name, {})
     plain, by, factors = canonical_unit(unit), conversion(unit, ours), "{factor: ..., offset: ...}"
     is_word = isinstance(stated, str)
     if of := calibration(stated, ours) if is_word else Calibration(**stated) if stated else None:

@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -128,24 +129,24 @@ def of_bench(raws: Sequence[Raw], needs: Needs) -> Needs:
 
 def tables_in(source: Source, needs: Needs) -> list[Raw]:
     """Read the tables of one file as written, and report what is wrong with it."""
-    dialect, problems = needs.dialect, needs.problems
+    dialect, problems, place = needs.dialect, needs.problems, source.name
+    readers = READERS | {
+        "text": partial(cells.read_text, dialect=dialect, problems=problems),
+        "lvm": partial(formats.read_lvm, dialect=dialect),
+    }
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
-            if form == "text":
-                return list(cells.read_text(file, source.name, dialect, problems))
-            if form == "lvm":
-                return list(formats.read_lvm(file, source.name, dialect))
-            tables = list(READERS[form](file, source.name))
-            if not any(len(table.frame) for table in tables):
-                raise InputError(f"{source.name}: is empty: it holds no channel with samples")
+            tables = list(readers[form](file, place))
+            if form in READERS and not any(len(table.frame) for table in tables):
+                raise InputError(f"{place}: is empty: it holds no channel with samples")
             return tables
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
         what = f"damaged, not of this format, or not to be read here: {type(error).__name__}"
-        damaged = (f"{source.name}: {what}: {error}",)
+        damaged = (f"{place}: {what}: {error}",)
         for line in error.problems if isinstance(error, InputError) else damaged:
             problems.add(line)
     return []
@@ -179,7 +180,7 @@ def recording_of(parts: Sequence[Part], path: Path, needs: Needs) -> Recording:
     rig = dict(needs.rig)
     if needs.table.kind == "points":
         rig = rig_of({name: () for name, values in columns.items() if not absent(values).all()})
-    if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
+    if np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float)).any():
         rig["running"] = "yes"
     return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
@@ -343,9 +344,9 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 def ranges(channel: Channel) -> dict[str, float]:
     """Return count, rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
-    if is_text(values):
-        values = values[:0] if channel.written else values  # times are no numbers
-        values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
+    if is_text(values):  # times are no numbers
+        texts = values[:0] if channel.written else values
+        values = pd.Series(numbers_of(texts, raw.signs, "", raw.at, Problems()))
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {
         "samples": len(finite) or int(channel.values.count()),
@@ -379,7 +380,11 @@ def runs_found(recording: Recording) -> list[dict[str, Any]]:
             row["force_N"] = float(run["force_N"].abs().max())
         time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
         step = _step(time)
-        gaps = time[:-1][np.diff(time) > GAP * step][:5].tolist()
-        row |= {"duration_s": float(time[-1] - time[0]), "samples": len(run)}
-        rows.append(row | {"rate_Hz": 1.0 / step if step > 0 else None, "gaps_at_s": gaps or None})
+        row |= {
+            "duration_s": float(time[-1] - time[0]),
+            "samples": len(run),
+            "rate_Hz": 1.0 / step if step > 0 else None,
+            "gaps_at_s": time[:-1][np.diff(time) > GAP * step][:5].tolist() or None,
+        }
+        rows.append(row)
     return rows

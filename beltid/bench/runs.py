@@ -148,7 +148,6 @@ def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
-    """Return the samples with which a new run begins."""
     changed, starts = np.zeros(len(time), dtype=bool), [0]
     for values in (columns[name] for name in NOMINAL if name in columns):
         changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
@@ -205,7 +204,6 @@ class Checker:
         return notes
 
     def _report(self, wrong: np.ndarray, text: Callable[[int], str]) -> None:
-        """Report the samples of a mask."""
         self.problems.add_alike(np.flatnonzero(wrong), text, self.place)
 
     def _doubts_unit(self, column: Column) -> bool:
