@@ -224,8 +224,9 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
     if names := dialect.names:
         sign = max(starts, key=lambda sign: (len(starts[sign]) == len(names), sign != " "))
         if (count := len(starts[sign])) != len(names):
-            but = f"but dialect.names states {len(names)} names"
-            raise InputError(f"{place}:{first + 1}: {count} cells, {but}")
+            raise InputError(
+                f"{place}:{first + 1}: {count} cells, but dialect.names states {len(names)} names"
+            )
         fields = fields_of([cells_of(line, sign) for line in lines[:first]])
         return Head(tuple(names), (), -1, -1, first, fields), sign
     # two of our names in the first line make it the header
@@ -413,9 +414,8 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
                 )
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
-    why = "left out: hidden, or without a table of numbers"
-    notes = tuple(f"sheet {title} {why}" for title in left_out)
-    yield from (replace(found[0], notes=notes), *found[1:])
+    notes = (f"sheet {t} left out: hidden, or without a table of numbers" for t in left_out)
+    yield from (replace(found[0], notes=tuple(notes)), *found[1:])
 
 
 def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:

@@ -153,10 +153,12 @@ def _stated(
                     by = CONVERSIONS[column.unit][canonical_unit(unit)]
                     told[role] = by.apply(number_in_name(values[role]))
             except (KeyError, ValueError):
-                said = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
-                needs.problems.add(f"{place}: {said}")
-        stated = f'runs.{table.kind}.pattern = "{needs.pattern}"'
-        unknown += [] if values else [f"{place}: the name does not match {stated}"]
+                needs.problems.add(
+                    f'{place}: {role} = "{values[role]}" in the name, must be a number in {unit}'
+                )
+        if not values:
+            stated = f'runs.{table.kind}.pattern = "{needs.pattern}"'
+            unknown.append(f"{place}: the name does not match {stated}")
     if needs.rows:
         row = next((needs.rows[name] for name in names if name in needs.rows), None)
         told |= row or {}
@@ -233,8 +235,7 @@ Times = dict[int, tuple[Found, np.ndarray]]  # table of a raster -> channel of i
 
 def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:
     """Return the rasters that hold a channel of ours and have a time, if need be one alike."""
-    times: Times = {}
-    wanted = {id(raw): meant(channels_of([raw]), needs) for raw in raws}
+    times, wanted = Times(), {id(raw): meant(channels_of([raw]), needs) for raw in raws}
     for raw in raws:
         matches = wanted[id(raw)].pop("time_s", ())
         if matches and (found := resolved(matches, needs, raw.place)) is not None:

@@ -158,12 +158,12 @@ def _members(path: Path, shown: str) -> list[str]:
 def _refuse_kinds(files: Sequence[PurePath], place: str) -> None:
     """Refuse files that are too many, or of several kinds."""
     endings = ("".join(f.suffixes[-2:]) if f.suffix == ".gz" else f.suffix for f in files)
-    kinds = Counter(ending.lower() for ending in endings)
+    kinds = Counter(map(str.lower, endings))
     if len(kinds) > 1:
         shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
-        only = PurePath(place, f"*{kinds.most_common(1)[0][0]}")
         raise InputError(
-            f"{place}: holds files of several kinds ({shown}); name only the runs, such as {only}"
+            f"{place}: holds files of several kinds ({shown}); name only the runs, such as "
+            f"{PurePath(place, '*' + kinds.most_common(1)[0][0])}"
         )
     if len(files) > MAX_FILES:
         raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")

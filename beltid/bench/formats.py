@@ -58,8 +58,7 @@ def tables_of(
     notes: Sequence[str] = (),
 ) -> list[Raw]:
     """Return the channels of a group, those with the same times in a table; note the others."""
-    parts: dict[Any, Raw] = {}
-    left_out = [*notes]
+    parts, left_out = dict[Any, Raw](), [*notes]
     for channel in channels:
         values, times = np.asarray(channel.values), channel.times
         if values.ndim != 1 or values.dtype.kind not in "biufOSUM":
@@ -119,8 +118,9 @@ def in_seconds(times: T, unit: str, place: str) -> T:
     """Convert times to seconds, also without a unit; InputError for a unit of no time."""
     by = conversion(unit, "s") or conversion(unit.lower(), "s")
     if by is None and unit.strip():
-        one_of = f"must be one of {', '.join(CONVERSIONS['s'])}"
-        raise InputError(f"{place}: the time is in {unit.strip()}, {one_of}")
+        raise InputError(
+            f"{place}: the time is in {unit.strip()}, must be one of {', '.join(CONVERSIONS['s'])}"
+        )
     return times if by is None or by.factor == 1.0 else by.apply(times)
 
 

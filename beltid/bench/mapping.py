@@ -96,8 +96,10 @@ class Needs:
         kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
         runs, rig, dialect = config.runs[kind], config.rig, config.dialect
         if dialect.decimal is not None and dialect.decimal == dialect.thousands:
-            both = "config: dialect.decimal and dialect.thousands are both"
-            raise InputError(f'{both} "{dialect.decimal}", must differ')
+            raise InputError(
+                f'config: dialect.decimal and dialect.thousands are both "{dialect.decimal}", must '
+                "differ"
+            )
         return cls(
             table,
             config.columns[kind],
@@ -179,8 +181,8 @@ class Channel:
         if canonical_unit(beside) not in NO_UNIT:
             return beside
         unknown = IN_NAME.search(self.key)
-        by_name = of_name or ("rpm" if self.is_in_rpm_by_name else beside)
-        return by_name or (unknown[1].strip() if unknown else "")
+        known = of_name or ("rpm" if self.is_in_rpm_by_name else beside)
+        return known or (unknown[1].strip() if unknown else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,8 +235,8 @@ def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[C
 
 def lacking(table: Table, has: Collection[str]) -> list[str]:
     """Return the sensors that a run lacks; a friction rig needs two of its forces."""
-    outside = {*schemas.SETTINGS, "time_s", table.label}
-    missing = [c.name for c in table.columns if c.required and c.name not in {*outside, *has}]
+    known = {*schemas.SETTINGS, "time_s", table.label, *has}
+    missing = [c.name for c in table.columns if c.required and c.name not in known]
     if table.kind == "rig" and not missing and len({*FORCES} & {*has}) < 2:
         missing = [name for name in FORCES if name in table.names and name not in has][:1]
     return missing
@@ -381,8 +383,10 @@ def refuse_missing(
         return
     kind, is_whole_one = bench_of(channels, [Needs(schemas.table(kind)) for kind in KINDS])
     if is_whole_one and kind != needs.kind:
-        of = f"a recording of {schemas.table(kind).command}, data.{kind} in a config"
-        needs.problems.add(f"{place}: these are the columns of {of}")
+        needs.problems.add(
+            f"{place}: these are the columns of a recording of {schemas.table(kind).command}, "
+            f"data.{kind} in a config"
+        )
         return
     free = unused(channels, found)
     near = ((r, difflib.get_close_matches(names.get(r, r), free, n=1)) for r in missing)
@@ -415,9 +419,8 @@ def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str
     ranks = {}
     for needs in benches:
         has = {*meant(channels, needs)}
-        whole = not lacking(needs.table, has)
-        if needs.kind == "rig":
-            whole = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
+        is_rig = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
+        whole = is_rig if needs.kind == "rig" else not lacking(needs.table, has)
         ranks[needs.kind] = whole, 0 if whole else len(has)
     best = max(ranks.values())
     kinds = [kind for kind, rank in ranks.items() if rank == best]

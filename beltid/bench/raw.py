@@ -112,8 +112,7 @@ class NumberSigns:
         match = _SINGLE.fullmatch(text)
         if match and match["point"] in (None, self.decimal):
             return float(text.replace(",", "."))
-        match = GROUPED.fullmatch(text)
-        if match is None:
+        if (match := GROUPED.fullmatch(text)) is None:
             return NO_NUMBER
         sign, point = match["sign"], match["point"]
         if point not in (None, self.decimal) or sign == self.decimal:
@@ -224,8 +223,9 @@ def table_of(table: pa.Table, place: str) -> Raw:
                 words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
                 is_words = types.is_string(words.type) or types.is_large_string(words.type)
                 if is_words and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
-                    long = f"texts of more than {LONGEST_TEXT} bytes"
-                    raise InputError(f"{place}: column {name} holds {long}")
+                    raise InputError(
+                        f"{place}: column {name} holds texts of more than {LONGEST_TEXT} bytes"
+                    )
             columns[name] = pd.array(values.cast(pa.large_string()), dtype="str")
     frame, notes = pd.DataFrame(columns, copy=False), tuple(left_out)
     return Raw(place, frame, format="Parquet", units=units, notes=notes)

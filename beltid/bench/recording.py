@@ -145,8 +145,10 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        what = f"damaged, not of this format, or not to be read here: {type(error).__name__}"
-        damaged = (f"{place}: {what}: {error}",)
+        damaged = (
+            f"{place}: damaged, not of this format, or not to be read here: "
+            f"{type(error).__name__}: {error}",
+        )
         for line in error.problems if isinstance(error, InputError) else damaged:
             problems.add(line)
     return []
@@ -308,8 +310,10 @@ def inspect_recording(
     rig, found, problems = recording.rig, recording.found, tuple[str, ...]()
     spans = {"tension_tight_N", "tension_slack_N"} & {*found}
     if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
-        ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
-        problems = (f"{path}: a weight beside a torque: {ask}",)
+        problems = (
+            f"{path}: a weight beside a torque: state the span that carries it, rig: {{holds: "
+            "weight_tight}} or weight_slack",
+        )
     return replace(
         seen,
         found=found,

@@ -55,8 +55,7 @@ def is_timed(raw: Raw, kind: str) -> bool:
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     """Split a table into recordings side by side in it; a name that occurs once belongs to all."""
-    repeated: dict[str, list[str]] = {}
-    written = [str(name) for name in raw.frame]
+    repeated, written = dict[str, list[str]](), [str(name) for name in raw.frame]
     for name in filter(POSITION.search, written):
         repeated.setdefault(POSITION.sub("", name), []).append(name)
     counts, parts = {*map(len, repeated.values())}, []
@@ -85,8 +84,7 @@ def joined(
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Return the columns of all runs, the place of a sample, notes, the columns of stated units."""
     table, problems, timed = needs.table, needs.problems, "time_s" in needs.table.names
-    notes: dict[str, list[str]] = {}
-    owners: dict[str, str] = {}
+    notes, owners = dict[str, list[str]](), dict[str, str]()
     counts = Counter(part.names[1] for part in parts)
     for part in parts:
         place, known = part.raw.place, part.columns.get(table.label, np.full(len(part), None))
@@ -139,11 +137,15 @@ def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     speed = columns.get("pulley_speed_rad_s", time[:0])
     for name, (first, end) in zip(names, itertools.pairwise(bounds), strict=True):
         if _rotations(speed[first:end][np.isfinite(speed[first:end])]) > 1:
-            stops = f"in run {name} the pulley turns several times with stops between"
-            problems.add(f"{part.raw.place}: {stops}: add a column of labels")
+            problems.add(
+                f"{part.raw.place}: in run {name} the pulley turns several times with stops "
+                "between: add a column of labels"
+            )
     if len(names) > 1:
-        how = "separated by changes of the settings and by restarts of the time"
-        part.notes.append(f"no column labels the runs: {len(names)} {how}")
+        part.notes.append(
+            f"no column labels the runs: {len(names)} separated by changes of the settings and by "
+            "restarts of the time"
+        )
     return np.array(names, dtype=object).repeat(np.diff(bounds))
 
 

@@ -109,8 +109,9 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
     columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
-    rows = record.tables[RUNS] if RUNS in record.tables else rows_of(columns, *columns)
-    rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in rows]
+    rows = rows_of(columns, *columns)
+    if runs := record.tables.get(RUNS):
+        rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
     known = list(next(iter(rows), {}))
     names = [name for name in f"{view.by} {view.shown}".split() if name in known]
     facts = {k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT}
