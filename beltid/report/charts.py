@@ -26,7 +26,7 @@ from beltid.report.results import LABELS, BeltResults, Sheet
 from beltid.report.summary import axis, quantity
 
 WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
-HEIGHT: Final = 4.4
+HEIGHT, TALL = 4.4, 5.8  # of a figure; of one with two axes above each other, or of a drive
 NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -125,7 +125,7 @@ class Chart(NamedTuple):
     def _picture(self, name: str, *data: Any) -> Picture:
         key, title = self.key.format(name=name).rpartition(":")[2], self._titled(name)
         with styled():
-            fig = Figure(figsize=(WIDTH, HEIGHT))
+            fig = Figure(figsize=(WIDTH, TALL if self.panels is TWO else HEIGHT))
             try:
                 said = self.draw(fig.subplots(**self.panels), *data)
             except NotDrawn as why:
@@ -262,11 +262,13 @@ def inline_svg(fig: Figure, key: str) -> str:
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
     text = saved(fig, "svg", **{"svg.fonttype": "none"}).decode()
-    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.S)
-    # round coordinates to an invisible hundredth of a point
-    coordinates = re.compile(r'\b(d|x|y|points)="[^"]*"')
-    text = coordinates.sub(lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", text)
+    for pattern, put in (
+        (r"<metadata>(?s:.*?)</metadata>\s*|<!--(?s:.*?)-->\s*", ""),
+        # round coordinates to an invisible hundredth of a point
+        (r'\b(?:d|x|y|points)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0])),
+        (r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-"),
+    ):
+        text = re.sub(pattern, put, text)
     head, rest = text[text.index("<svg") :].split(">", 1)
     (view,) = re.findall(r'viewBox="[^"]+"', head)
     return (

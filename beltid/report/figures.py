@@ -39,7 +39,6 @@ MILLI: Final = 1e3
 FORCE, SPEED = "normal_force_N_m", "slip_speed_m_s"
 BRANCHES: Final = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
 POINTS: Final = 101
-TALL: Final = 5.8
 PHASES: Final = (
     ("rest", "#e8e8e8", ""),
     ("build-up", "#f6d9b8", "///"),
@@ -131,14 +130,13 @@ def _by_temperature(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
 def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     (curves,), (above, below) = some(results.every("rig_curves"), NOT_READ), panels
     runs = curves["run"].astype(str)
-    stored = np.isin(friction["run"].astype(str), runs)
-    good = some(np.flatnonzero(stored & (friction["status"] == "ok")), NO_RUN)
+    is_good = np.isin(friction["run"].astype(str), runs) & (friction["status"] == "ok")
+    good = some(np.flatnonzero(is_good), NO_RUN)
     run = _chosen(friction, good[np.argmax(friction["arc_deg"][good])])
-    above.figure.set_figheight(TALL)
     rows = runs == str(run["run"])
     for name, colour, dash in (("tight", charts.MEASURED, "-"), ("slack", charts.SIMULATED, "--")):
-        tension = ("time_s", f"tension_{name}_N", rows)
-        draw(above, curves, *tension, ls=dash, color=colour, lw=1.1, label=f"{name} span")
+        look: dict[str, Any] = {"ls": dash, "color": colour, "lw": 1.1, "label": f"{name} span"}
+        draw(above, curves, "time_s", f"tension_{name}_N", rows, **look)
     draw(below, curves, "time_s", "mu", rows, color=charts.INK, lw=1.1, label="µ, Eq. (6)")
     above.set_xlabel("")
     peak, plateau = run.get("peak_time_s", np.nan), run["plateau_start_s"]
@@ -147,9 +145,9 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     begin = curves["time_s"][rows].min()
     for (name, colour, hatch), end in zip(PHASES, ends, strict=True):
         if end > begin:
-            look = {"facecolor": colour, "edgecolor": "#b9b9b9", "hatch": hatch, "zorder": 0.4}
-            above.axvspan(begin, end, lw=0, **look)
-            below.axvspan(begin, end, lw=0.6, label=name, **look)
+            face = {"facecolor": colour, "edgecolor": "#b9b9b9", "hatch": hatch, "zorder": 0.4}
+            above.axvspan(begin, end, lw=0, **face)
+            below.axvspan(begin, end, lw=0.6, label=name, **face)
         begin = end
     sliding, se = run["mu_sliding"], run["mu_sliding_se"]
     label = f"sliding {sliding:.4f}" + (f" ± {se:.2g}" if np.isfinite(se) else "")
@@ -286,10 +284,9 @@ def _as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         runs = friction[FORCE][good], MILLI * np.abs(friction[SPEED][good])
         look = {"mfc": "none", "mec": charts.SIMULATED, "ms": 4, "mew": 1.1}
         axes.plot(*runs, "o", label="measured runs (mean of Eq. 8)", **look)
-    axes.set(xlabel=axis(FORCE), ylabel=axis(SPEED))
-    charts.logarithmic(axes, "y")
     axes.use_sticky_edges = False  # leave a margin around the box and points on it
-    axes.margins(0.04)
+    axes.set(xlabel=axis(FORCE), ylabel=axis(SPEED), xmargin=0.04, ymargin=0.04)
+    charts.logarithmic(axes, "y")
     axes.grid(visible=False)
     axes.figure.colorbar(filled, ax=axes, label=axis("mu"))
     inferred = " The box is wider than the circles: local forces in the contact exceed the mean."
@@ -360,7 +357,6 @@ def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
 @chart("differences", "Differences run by run", *COMPARED, HELD_OUT, once=True, panels=TWO)
 def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
     (above, below), compared = panels, results.every(*COMPARED)
-    above.figure.set_figheight(TALL)
     said = "Each run was predicted by a surface refined without its own setting."
     if compared:
         said = (
@@ -413,9 +409,8 @@ def _budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
             worst = f", {percent(row['largest_percent'])} at worst" * bool(row["largest_percent"])
     axes.set_yticks(range(len(shown)), [fill(str(row["source"]), 28) for row in shown])
     axes.invert_yaxis()
-    axes.margins(x=0.16)
     axes.grid(axis="y", visible=False)
-    axes.set_xlabel("standard uncertainty (k = 1) [%]")
+    axes.set(xmargin=0.16, xlabel="standard uncertainty (k = 1) [%]")
     return (
         f"Uncertainty {OF[sheet.name]}",
         f"Contribution of the largest sources, root mean square over the range of the runs{worst}. "
@@ -434,8 +429,8 @@ def by_setting(sheet: Sheet, of: Any = slice(None)) -> Iterator[tuple[str, np.nd
 
 @chart("slip", "Sliding speed in service (Fig. 9)", "slip")
 def _against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
-    error = "slip_speed_se_m_s"
-    draw_groups(axes, slip, "torque_N_m", SPEED, by_setting(slip), err=error, capsize=2)
+    points = (slip, "torque_N_m", SPEED, by_setting(slip))
+    draw_groups(axes, *points, err="slip_speed_se_m_s", capsize=2)
     speeds = MILLI * slip.pulley_radius_m * np.array(slip.rig.get("pulley_speeds_rad_s") or ())
     look = {"color": charts.FAINT, "lw": 0.9, "ls": (0, (1, 2))}
     for v in speeds[(speeds > 0.0) & (speeds <= 2.0 * axes.get_ylim()[1])]:
@@ -460,7 +455,7 @@ def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
     size, middle = max(pulley["radius_m"] for pulley in laid), centres.mean(axis=0)
     wide, high = np.ptp(centres, axis=0) + 4.0 * size
-    axes.figure.set_figheight(min(charts.WIDTH * high / wide, TALL))
+    axes.figure.set_figheight(min(charts.WIDTH * high / wide, charts.TALL))
     white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 10}
     look: dict[str, Any] = {"facecolor": charts.GRID, "edgecolor": charts.INK, "lw": 2.0}
@@ -473,8 +468,7 @@ def _drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         place = centre + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
         axes.text(*place, force, color=charts.SIMULATED, **centred)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.margins(0.2)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xmargin=0.2, ymargin=0.2)
     axes.grid(visible=False)
     return (
         f"Point {run}, {abs(speed):.4g} rad/s, largest torque {np.nanmax(torque[rows]):.3g} N m. "
@@ -488,9 +482,8 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     driven = np.where(loses, np.abs(np.nan_to_num(sheet["torque_N_m"])), -1.0)
     pulley = str(sheet["pulley"][int(np.argmax(driven))])
     groups = list(by_setting(sheet, sheet["pulley"] == pulley))
-    predicted = ("torque_N_m", "speed_loss_rad_s", groups)
     draw_groups(axes, sheet, "torque_N_m", "loss_creep_rad_s", groups, marker=None, lw=0.6)
-    draw_groups(axes, sheet, *predicted, band="speed_loss_u_rad_s")
+    draw_groups(axes, sheet, "torque_N_m", "speed_loss_rad_s", groups, band="speed_loss_u_rad_s")
     return (
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
@@ -501,9 +494,9 @@ def _loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
 @chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive")
 def _compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     groups = list(by_setting(sheet))
+    points: dict[str, Any] = {"ls": "none", "err": "u_measured_rad_s"}
     draw_groups(axes, sheet, "torque_N_m", "loss_predicted_rad_s", groups, marker=None)
-    measured = ("torque_N_m", "loss_measured_rad_s", groups)
-    draw_groups(axes, sheet, *measured, ls="none", err="u_measured_rad_s")
+    draw_groups(axes, sheet, "torque_N_m", "loss_measured_rad_s", groups, **points)
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "
         "which were not fitted to this recording."
