@@ -216,8 +216,7 @@ def _top(data: bytearray, place: str) -> list[str]:
 
 def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head, str]:
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
-    first = next((i for i, line in enumerate(top) if not remark.match(line)), None)
-    if first is None:
+    if (first := next((i for i, line in enumerate(top) if not remark.match(line)), None)) is None:
         raise InputError(f"{place}: holds no header: it is empty, or blank lines and remarks only")
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
     lines, starts = top[: first + SEARCHED], {s: cells_of(top[first], s) for s in separators}
@@ -236,8 +235,7 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         return head_at([cells_of(line, own) for line in lines], first), own
     rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
     found = [(head, sign) for sign in rows if (head := find_head(rows[sign]))]
-    fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
-    if fit:
+    if fit := [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]:
         return max(fit, key=lambda pair: (pair[1] != " ", len(pair[0].names)))
     values = sum(map(_is_value, rows[own][first]))
     if not ours[own] and values >= 2 and 2 * values >= len(rows[own][first]):
@@ -427,8 +425,7 @@ def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
 
 def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
     """Return the table of a sheet; None if it holds none."""
-    head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
-    if head is None:
+    if (head := find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])) is None:
         return None
     body, names = rows[head.first_row :], distinct_names(head.names)
     frame = pd.DataFrame(

@@ -220,8 +220,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
         row = {role: values[k] for role, values in part.columns.items()}
-        name = str(row.pop("file") or "")
-        if name in rows:
+        if (name := str(row.pop("file") or "")) in rows:
             needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
         rows[name] = {role: cell for role, cell in row.items() if not is_missing(cell)}
     needs.problems.raise_if_any()

@@ -158,8 +158,7 @@ def _members(path: Path, shown: str) -> list[str]:
 def _refuse_kinds(files: Sequence[PurePath], place: str) -> None:
     """Refuse files that are too many, or of several kinds."""
     endings = ("".join(f.suffixes[-2:]) if f.suffix == ".gz" else f.suffix for f in files)
-    kinds = Counter(map(str.lower, endings))
-    if len(kinds) > 1:
+    if len(kinds := Counter(map(str.lower, endings))) > 1:
         shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
         raise InputError(
             f"{place}: holds files of several kinds ({shown}); name only the runs, such as "

@@ -100,8 +100,7 @@ def written(
     """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
     found = []
     for word, value in about.items() if values.dtype.kind in "iu" else ():
-        neutral = SCALING.get(str(word).lower())
-        if neutral is not None and np.size(value) == 1:
+        if (neutral := SCALING.get(str(word).lower())) is not None and np.size(value) == 1:
             number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
             if number == number and number != neutral:
                 found.append(f"{word} = {number:g}")
@@ -225,8 +224,9 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
-        ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
-        end = next(ends, last)
+        end = next(
+            (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels"), last
+        )
         clock = f"{_cell(own, 'Date')} {_cell(own, 'Time').replace(',', '.')}"
         told = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", clock), errors="coerce")
         start = float("nan") if pd.isna(told) else float(told.timestamp())  # [s from 1970-01-01]
@@ -263,8 +263,7 @@ def _segment(
     """Read the rows of one segment, a table per raster of times."""
     at, end = span
     names = [*itertools.takewhile(lambda name: name not in ("", "Comment"), lines[at])]
-    rows = lines[at + 1 : end]
-    if rows and len(rows[-1]) < len(names) and end >= len(lines) - 1:
+    if (rows := lines[at + 1 : end]) and len(rows[-1]) < len(names) and end >= len(lines) - 1:
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
     cells = pd.DataFrame(rows, dtype="str").reindex(columns=range(len(names)))
@@ -278,8 +277,7 @@ def _segment(
         header = {key: cells[::2] for key, cells in header.items()}
     found = list[Written]()
     for k, (x, y) in enumerate(pairs):
-        stated = _cell(header, "Samples", k)
-        if stated.isdecimal() and int(stated) > len(rows):
+        if (stated := _cell(header, "Samples", k)).isdecimal() and int(stated) > len(rows):
             problems.add(
                 f"{place}:{end}: {names[y]} has {len(rows)} samples, its header states {stated}: "
                 "the file is cut off"

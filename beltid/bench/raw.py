@@ -246,8 +246,7 @@ def frame_of(frame: Any, place: str) -> Raw:
             lists[name] = values if is_arrow else pa.array(values, from_pandas=True)
         except (pa.ArrowException, ValueError, TypeError):  # values of several types
             lists[name] = pa.array([word_of(value) for value in values], pa.string())
-    lengths = sorted({len(values) for values in lists.values()})
-    if len(lengths) > 1:
+    if len(lengths := sorted({len(values) for values in lists.values()})) > 1:
         raise InputError(f"{place}: the columns have different lengths {lengths}")
     if lengths in ([], [0]):
         raise InputError(f"{place}: holds no samples")

@@ -237,8 +237,7 @@ def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
     raw, columns, problems = frame_of(frame, name).frame, {}, Problems()
     for column in table.columns:
-        values = raw.get(column.name)
-        if values is None or column.dtype in ("list", "bool"):
+        if (values := raw.get(column.name)) is None or column.dtype in ("list", "bool"):
             continue
         if column.dtype == "string":
             columns[column.name] = np.array([word_of(v) for v in values], dtype=object)
@@ -281,8 +280,7 @@ def inspect_recording(
     sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
     names = tuple(source.inside.name for source in sources)
     first = next(iter(benches.values()))
-    tables = tables_in(sources[0], first)
-    if not tables:
+    if not (tables := tables_in(sources[0], first)):
         first.problems.raise_if_any()
     channels = [channel for table in tables for channel in channels_of([table])]
     if not kind:

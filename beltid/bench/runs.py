@@ -261,8 +261,7 @@ class Checker:
             ),
             self.place,
         )
-        missing = absent(values) & (self.codes >= 0)
-        if missing.any():
+        if (missing := absent(values) & (self.codes >= 0)).any():
             self.columns[name] = np.where(missing, first[self.codes], values)
 
     def _numbers(self, column: Column) -> list[str]:

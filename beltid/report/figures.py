@@ -155,8 +155,7 @@ def _typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     if np.isfinite([peak, run["mu_sticking"]]).all():
         label = f"peak before sliding {run['mu_sticking']:.4f}"
         below.plot(peak, run["mu_sticking"], "v", ms=7, color=charts.SIMULATED, label=label)
-    mu = curves["mu"][rows]
-    if np.isfinite(mu).any():  # spikes must not flatten the curve
+    if np.isfinite(mu := curves["mu"][rows]).any():  # spikes must not flatten the curve
         low, high = np.fmax(np.nanpercentile(mu, [0.5, 99.5]), (-np.inf, sliding))
         span = max(high - low, 1e-6)
         below.set_ylim(low - 0.1 * span, high + 0.2 * span)

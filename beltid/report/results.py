@@ -268,8 +268,7 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
             (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
             ("sliding speed", "slip_speed_m_s", 3),
         ):
-            n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
-            if n < enough:
+            if (n := _distinct(np.abs(friction[column][friction["status"] == "ok"]))) < enough:
                 yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
 
 
