@@ -226,17 +226,24 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
             raise InputError(
                 f"{place}:{first + 1}: {count} cells, but dialect.names states {len(names)} names"
             )
-        fields = fields_of([cells_of(line, sign) for line in lines[:first]])
-        return Head(tuple(names), (), -1, -1, first, fields), sign
+        cells = [cells_of(line, sign) for line in lines]
+        head = head_at([*cells[:first], list(names), *cells[first:]], first)
+        units_row = head.units_row - bool(head.units)
+        return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     # two of our names in the first line make it the header
     ours = {sign: len(OURS & {*cells}) for sign, cells in starts.items()}
     own = max(starts, key=lambda sign: (ours[sign], sign != " ", len(starts[sign])))
     if ours[own] > 1:
         return head_at([cells_of(line, own) for line in lines], first), own
     rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
-    found = [(head, sign) for sign in rows if (head := find_head(rows[sign]))]
-    if fit := [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]:
-        return max(fit, key=lambda pair: (pair[1] != " ", len(pair[0].names)))
+    found = [
+        (head, sign)
+        for sign, cells in rows.items()
+        if (head := find_head(cells))
+        and (sign != " " or len(head.names) == len(cells[head.first_row]))
+    ]
+    if found:
+        return max(found, key=lambda pair: (pair[1] != " ", len(pair[0].names)))
     values = sum(map(_is_value, rows[own][first]))
     if not ours[own] and values >= 2 and 2 * values >= len(rows[own][first]):
         raise InputError(
