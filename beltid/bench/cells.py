@@ -237,10 +237,10 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
         return head_at([cells_of(line, own) for line in lines], first), own
     rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
     found = [
-        (head, sign)
+        (above, sign)
         for sign, cells in rows.items()
-        if (head := find_head(cells))
-        and (sign != " " or len(head.names) == len(cells[head.first_row]))
+        if (above := find_head(cells))
+        and (sign != " " or len(above.names) == len(cells[above.first_row]))
     ]
     if found:
         return max(found, key=lambda pair: (pair[1] != " ", len(pair[0].names)))

@@ -270,8 +270,8 @@ def _segment(
     own = Raw(place, cells, lines=range(at + 2, end + 1))
     columns = [numbers_of(cells[i], signs, name, own.at, problems) for i, name in enumerate(names)]
     kind = _cell(header, "X_Columns").lower() or "one"
-    is_multi, last = kind == "multi", len(names) - 1
-    pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
+    is_multi = kind == "multi"
+    pairs = [(i * is_multi, i + 1) for i in range(0, len(names) - 1, 1 + is_multi)]
     between = (cells[1::2] for key, cells in header.items() if _TECHNICAL.fullmatch(key))
     if is_multi and not any(map(any, between)):  # a blank above the times of each channel
         header = {key: cells[::2] for key, cells in header.items()}

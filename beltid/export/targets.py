@@ -226,8 +226,7 @@ def export(law: ContactLaw, target: str, point: ReferencePoint) -> Export:
 def _values(law: ContactLaw, target: str, point: ReferencePoint) -> dict[str, Any]:
     """Return what a template can use: the law, its tables in SI units, what is stated about it."""
     f, v, mu, deviation = friction_table(law.surface)
-    delta = penetration_nodes(law)
-    reductions = {TABLE: deviation, **deviations(law, point)}
+    delta, reductions = penetration_nodes(law), {TABLE: deviation, **deviations(law, point)}
     return {
         "name": "belt_" + re.sub(r"[^a-z0-9]", "_", law.belt.name.lower()),
         "law": law,

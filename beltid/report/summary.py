@@ -211,6 +211,8 @@ def show(summary: Summary, console: Any, *, complete: bool = False) -> None:
 
 def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
     """Yield the parts of a summary in order: heading, facts, tables, verdict."""
+    from rich.table import Column
+    from rich.table import Table as Grid
     from rich.text import Text
 
     suffix = " (synthetic data)" if summary.origin == "synthetic" else ""
@@ -219,8 +221,13 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
     for part in summary.parts:
         yield from _renderables(part, width, complete)
         yield Text("")
+    grid = Grid.grid(Column(overflow="fold"), Column(overflow="fold"), padding=(0, 2, 0, 2))
+    for name, value in summary.facts.items():
+        items = value if isinstance(value, (list, tuple)) else (value,)
+        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
+            grid.add_row(*(Text(printable(text)) for text in fact(name, value)))
     if summary.facts:
-        yield _facts(summary.facts)
+        yield grid
     names = summary.shown or tuple(summary.table[0] if summary.table else ())
     first = (summary.table, names) if complete or not summary.overview else (summary.overview,)
     details = [(t, rows) for t, rows in summary.details.items() if complete or t in summary.always]
@@ -235,19 +242,6 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
     if summary.out is not None:
         # a path must not wrap, so that it can be copied
         yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
-
-
-def _facts(facts: dict[str, Any]) -> Any:
-    from rich.table import Column
-    from rich.table import Table as Grid
-    from rich.text import Text
-
-    grid = Grid.grid(Column(overflow="fold"), Column(overflow="fold"), padding=(0, 2, 0, 2))
-    for name, value in facts.items():
-        items = value if isinstance(value, (list, tuple)) else (value,)
-        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
-            grid.add_row(*(Text(printable(text)) for text in fact(name, value)))
-    return grid
 
 
 def _table_or_records(shown: Table, room: int) -> Any:
@@ -268,9 +262,12 @@ def _table_or_records(shown: Table, room: int) -> Any:
         return Text("\n".join("- " + "\n  ".join(map(printable, row)) for row in rows))
     grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
     for head, width, is_number in zip(heads, widths, shown.numeric, strict=True):
-        justify: Any = "right" if is_number else "left"
-        width = max(width, len(head)) if whole else width
-        grid.add_column(Text(printable(head)), justify=justify, width=width, overflow="fold")
+        grid.add_column(
+            Text(printable(head)),
+            justify="right" if is_number else "left",
+            width=max(width, len(head)) if whole else width,
+            overflow="fold",
+        )
     for row in shown.rows:
         grid.add_row(*(Text(printable(text)) for text in row))
     return grid
