@@ -442,7 +442,6 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
             if name
         }
     )
-    texts = [text for name in frame for text in first_texts(frame[name])]
     return Raw(
         place,
         frame,
@@ -453,7 +452,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
         lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
         header_line=head.row + 1,
         units_line=head.units_row + 1,
-        signs=NumberSigns.of(texts),
+        signs=NumberSigns.of(text for name in frame for text in first_texts(frame[name])),
     )
 
 

@@ -188,8 +188,7 @@ def format_of(path: Path) -> str:
 
 def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:
     """Return a text as UTF-8 with single line feeds, its encoding, and notes."""
-    notes: list[str] = []
-    encoding = (stated or "utf-8").lower()
+    notes, encoding = list[str](), (stated or "utf-8").lower()
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
     elif data.startswith(codecs.BOM_UTF8):  # the mark overrides the config

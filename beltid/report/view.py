@@ -162,8 +162,7 @@ def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
     """Return a row per force of the averaged surface, with a column per speed."""
-    low, high = sheet.measured_force or (np.inf, -np.inf)
-    error = sheet[sheet.mu_error[0]]
+    (low, high), error = sheet.measured_force or (np.inf, -np.inf), sheet[sheet.mu_error[0]]
     rows: dict[float, dict[str, Any]] = {}
     for i in np.flatnonzero(np.isnan(sheet["arc_deg"])).tolist():
         force, speed = (float(sheet[n][i]) for n in ("normal_force_N_m", "slip_speed_m_s"))
