@@ -1,7 +1,7 @@
 """Tables of cells: text files (CSV of any dialect, exports of testing machines), workbooks (.xlsx).
 
 Arrow reads the rows of a text. Where a cell is not the number that its column began with, all cells
-are read as texts, and `numbers` judges those that are needed.
+are read as texts, and `raw` judges those that are needed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,8 +25,19 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import GROUPED, MISSING, NumberSigns, is_clock, is_date, is_number
-from beltid.bench.raw import Field, Raw, distinct_names, first_texts, is_unit
+from beltid.bench.raw import (
+    GROUPED,
+    MISSING,
+    Field,
+    NumberSigns,
+    Raw,
+    distinct_names,
+    first_texts,
+    is_clock,
+    is_date,
+    is_number,
+    is_unit,
+)
 from beltid.config.model import DialectSection
 from beltid.errors import InputError, Problems
 from beltid.store.disk import MAX_BYTES
@@ -72,19 +84,20 @@ def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
                 return None
             # a blank name is taken from the row above (merged cells); a title is one cell
             upper = rows[row - 1] if row and sum(map(bool, rows[row - 1])) > 1 else ()
-            pairs = itertools.zip_longest(rows[row], upper, fillvalue="")
-            names = [name or over for name, over in pairs][: max(len(rows[row]), *map(len, block))]
-            return replace(head_at(rows, row), names=tuple(names))
+            pairs = [*itertools.zip_longest(rows[row], upper, fillvalue="")]
+            wide = max(len(rows[row]), *map(len, block))
+            return replace(head_at(rows, row), names=tuple(n or over for n, over in pairs[:wide]))
     return None
 
 
 def head_at(rows: Sequence[Sequence[str]], row: int) -> Head:
     """Return the head whose names are in a row; a row of units may follow."""
-    fields, below = fields_of(rows[:row]), [i for i in _filled(rows) if i > row] or [row + 1]
+    below = [i for i in _filled(rows) if i > row] or [row + 1]
+    head = Head(tuple(rows[row]), (), row, -1, below[0], fields_of(rows[:row]))
     if below[0] < len(rows) and _is_units_row(rows[below[0]]):
-        first_row = (*below, below[0] + 1)[1]
-        return Head(tuple(rows[row]), tuple(rows[below[0]]), row, below[0], first_row, fields)
-    return Head(tuple(rows[row]), (), row, -1, below[0], fields)
+        below.append(below[0] + 1)
+        return replace(head, units=tuple(rows[below[0]]), units_row=below[0], first_row=below[1])
+    return head
 
 
 def _filled(rows: Sequence[Sequence[str]]) -> list[int]:
@@ -94,12 +107,12 @@ def _filled(rows: Sequence[Sequence[str]]) -> list[int]:
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     """Return whether two columns, and half of those in use, hold only numbers."""
-    columns = [*itertools.zip_longest(*block, fillvalue="")]
-    numeric = [
+    columns = [column for column in itertools.zip_longest(*block, fillvalue="") if any(column)]
+    numeric = sum(
         any(map(_is_value, column)) and all(_is_value(c) or c in MISSING for c in column)
         for column in columns
-    ]
-    return sum(numeric) >= 2 and 2 * sum(numeric) >= sum(1 for column in columns if any(column))
+    )
+    return numeric >= max(2, 0.5 * len(columns))
 
 
 def _is_value(cell: str) -> bool:
@@ -109,9 +122,11 @@ def _is_value(cell: str) -> bool:
 def _is_units_row(cells: Sequence[str]) -> bool:
     """Return whether a row holds units: no number, and at least half of its cells are units."""
     filled = [cell for cell in cells if cell]
-    own = any(is_known_unit(c) or canonical_unit(c) in ("V", "mV") for c in filled)
-    half = 2 * sum(map(is_unit, filled)) >= len(filled)
-    return own and half and not any(is_number(c) and c != "1" for c in filled)
+    return (
+        any(is_known_unit(c) or canonical_unit(c) in ("V", "mV") for c in filled)
+        and 2 * sum(map(is_unit, filled)) >= len(filled)
+        and not any(is_number(c) and c != "1" for c in filled)
+    )
 
 
 def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
@@ -136,9 +151,8 @@ def read_text(path: Path, place: str, dialect: DialectSection, problems: Problem
     with path.open("rb") as file:
         file.readinto(written)
     body, encoding, notes = as_utf8(written, place, dialect.encoding)
-    top = _top(body, place)
-    kept = ["" if i < dialect.skip_lines else line for i, line in enumerate(top)]
-    head, separator = _head(kept, place, dialect)
+    top, skipped = _top(body, place), dialect.skip_lines
+    head, separator = _head([*[""] * skipped, *top[skipped:]], place, dialect)
     if separator != "," and not dialect.separator:
         notes.append(f"separator {separator!r} found in the header")
     above = sum(len(line.encode()) + 1 for line in top[: head.first_row])
@@ -153,23 +167,22 @@ def read_text(path: Path, place: str, dialect: DialectSection, problems: Problem
         body = bytearray(_SPACING.sub(b"", body))
     cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
-    pairs = zip(names, cells, strict=False)
-    columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
+    columns = {
+        name: [c for c in column if c not in MISSING]
+        for name, column in zip(names, cells, strict=False)
+        if name
+    }
     signs = _signs(columns, dialect, f"{place}:{head.row + 1}", notes)
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     body = body if body.endswith(b"\n") else body + b"\n"
     pieces, between = _pieces(body), (separator, signs.decimal, '"' if b'"' in body else False)
     written.clear()  # memory need not hold what the file does
-    fetch = lambda begin, end: (  # noqa: E731
-        np.frombuffer(body, np.uint8, end - begin, begin)
-        if body
-        else np.fromfile(path, np.uint8, end - begin, offset=above + begin)
-    )
-    read = _by_arrow(fetch, pieces, names, plain, between)
-    read = read or _by_arrow(fetch, pieces, names, (), between)  # a cell may be no number
-    if read is None:
-        raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    (frame, lines, misfits), first = read, head.first_row + 1
+    fetch, first = partial(_bytes, body, path, above), head.first_row + 1
+    # a cell may be no number
+    read = (_by_arrow(fetch, pieces, names, numeric, between) for numeric in (plain, ()))
+    frame, lines, misfits = next(filter(None, read), (None, np.zeros(0), []))
+    if frame is None:
+        raise InputError(f'{place}:{first}: quotation marks (") do not match')
     problems.add_alike(
         range(len(misfits)),
         lambda i: f"{misfits[i][1]} cells, must be {len(names)}",
@@ -192,8 +205,7 @@ def read_text(path: Path, place: str, dialect: DialectSection, problems: Problem
 
 def _top(data: bytearray, place: str) -> list[str]:
     """Return the first lines; a line that no table has is refused."""
-    end = data.find(b"\n", TOP) + 1 or len(data)
-    top = data[:end].removesuffix(b"\n").split(b"\n")
+    top = data[: data.find(b"\n", TOP) + 1 or len(data)].removesuffix(b"\n").split(b"\n")
     for number, line in enumerate(top, start=1):
         signs = SEPARATORS[:4] if len(line) >= MAX_COLUMNS else ()
         cells = max((line.count(sign.encode()) for sign in signs), default=0) + 1
@@ -203,22 +215,20 @@ def _top(data: bytearray, place: str) -> list[str]:
 
 
 def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head, str]:
-    """Find header and separator."""
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
-    filled = [i for i, line in enumerate(top) if not remark.match(line)]
-    if not filled:
+    if (first := next((i for i, line in enumerate(top) if not remark.match(line)), None)) is None:
         raise InputError(f"{place}: holds no header: it is empty, or blank lines and remarks only")
-    first = filled[0]
     separators = (dialect.separator,) if dialect.separator else SEPARATORS
     lines, starts = top[: first + SEARCHED], {s: cells_of(top[first], s) for s in separators}
     if names := dialect.names:
         sign = max(starts, key=lambda sign: (len(starts[sign]) == len(names), sign != " "))
         if (count := len(starts[sign])) != len(names):
-            stated = f"dialect.names states {len(names)} names"
-            raise InputError(f"{place}:{first + 1}: {count} cells, but {stated}")
+            raise InputError(
+                f"{place}:{first + 1}: {count} cells, but dialect.names states {len(names)} names"
+            )
         cells = [cells_of(line, sign) for line in lines]
         head = head_at([*cells[:first], list(names), *cells[first:]], first)
-        units_row = head.units_row - 1 if head.units else -1
+        units_row = head.units_row - bool(head.units)
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     # two of our names in the first line make it the header
     ours = {sign: len(OURS & {*cells}) for sign, cells in starts.items()}
@@ -226,11 +236,14 @@ def _head(top: Sequence[str], place: str, dialect: DialectSection) -> tuple[Head
     if ours[own] > 1:
         return head_at([cells_of(line, own) for line in lines], first), own
     rows = {sign: [cells_of(line, sign) for line in lines] for sign in separators}
-    for signs in ([s for s in rows if s != " "], [s for s in rows if s == " "]):
-        found = [(above, s) for s in signs if (above := find_head(rows[s]))]
-        fit = [(h, s) for h, s in found if s != " " or len(h.names) == len(rows[s][h.first_row])]
-        if fit:
-            return max(fit, key=lambda pair: len(pair[0].names))
+    found = [
+        (above, sign)
+        for sign, cells in rows.items()
+        if (above := find_head(cells))
+        and (sign != " " or len(above.names) == len(cells[above.first_row]))
+    ]
+    if found:
+        return max(found, key=lambda pair: (pair[1] != " ", len(pair[0].names)))
     values = sum(map(_is_value, rows[own][first]))
     if not ours[own] and values >= 2 and 2 * values >= len(rows[own][first]):
         raise InputError(
@@ -273,15 +286,15 @@ def _signs(
         notes.append("decimal comma found in the numbers")
     if thousands is None and signs.thousands:
         notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
-    is_open = decimal is thousands is None and signs == NumberSigns()
-    for name, column in columns.items() if is_open else ():
+    if decimal is not None or thousands is not None or signs != NumberSigns():
+        return signs
+    for name, column in columns.items():
         # numbers that write 950 without decimals drop zeros, so they would write 1.25, not 1.250
-        whole = [c for c in column if _WHOLE.fullmatch(c)]
-        pointed = [c for c in column if "." in c]
-        rounded = [c for c in pointed if c.endswith("0")]
-        if whole and rounded and all(map(GROUPED.fullmatch, pointed)):
+        whole, pointed = filter(_WHOLE.fullmatch, column), [c for c in column if "." in c]
+        both = next(whole, ""), next((c for c in pointed if c.endswith("0")), "")
+        if all(both) and all(map(GROUPED.fullmatch, pointed)):
             raise InputError(
-                f'{place}: column {name} holds "{whole[0]}" and "{rounded[0]}": if the point marks '
+                f'{place}: column {name} holds "{both[0]}" and "{both[1]}": if the point marks '
                 'thousands, set dialect: {thousands: "."}, else {decimal: "."}'
             )
     return signs
@@ -294,8 +307,7 @@ def _pieces(body: bytearray) -> list[Piece]:
         end = body.rfind(b"\n", begin, begin + BLOCK) + 1 or body.find(b"\n", begin) + 1
         while body.count(b'"', body.rfind(b"\n", begin, end - 1) + 1, end) % 2 and end < len(body):
             end = body.find(b"\n", end) + 1
-        ends = np.frombuffer(body, np.uint8, end - begin, begin) == ord("\n")
-        pieces.append((begin, end, int(np.count_nonzero(ends))))
+        pieces.append((begin, end, body.count(b"\n", begin, end)))
         begin = end
     return pieces
 
@@ -322,7 +334,7 @@ def _by_arrow(
     count, at, above = sum(n for _, _, n in pieces), 0, 0
     lines, misfits = np.empty(count, np.int32), list[tuple[int, int]]()
     columns: dict[str, Any] = {name: np.empty(count) if name in numeric else [] for name in types}
-    work = lambda piece: _rows_of(fetch(*piece[:2]), piece[2], signs, read, convert)  # noqa: E731
+    work = partial(_rows_of, fetch, signs, read, convert)
     try:
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
             for (_, _, n), (table, own, wrong) in zip(pieces, pool.map(work, pieces), strict=True):
@@ -337,38 +349,44 @@ def _by_arrow(
                 at, above = span.stop, above + n
     except (pa.ArrowException, ValueError):
         return None
-    whole = {
-        name: held[:at] if name in numeric else pa.chunked_array(held, words).to_pandas()
-        for name, held in columns.items()
-    }
-    return pd.DataFrame(whole, copy=False), lines[:at], misfits
+    for name, held in columns.items():
+        columns[name] = held[:at] if name in numeric else pa.chunked_array(held, words).to_pandas()
+    return pd.DataFrame(columns, copy=False), lines[:at], misfits
+
+
+def _bytes(body: bytearray, path: Path, above: int, begin: int, end: int) -> np.ndarray:
+    """Return a part of a text, which the file holds below its head if `body` does not."""
+    if not body:
+        return np.fromfile(path, np.uint8, end - begin, offset=above + begin)
+    return np.frombuffer(body, np.uint8, end - begin, begin)
 
 
 def _rows_of(
-    piece: np.ndarray,
-    n: int,  # of its lines
+    fetch: Callable[[int, int], np.ndarray],
     signs: tuple[str, str, str | bool],
     read: pa_csv.ReadOptions,
     convert: pa_csv.ConvertOptions,
+    piece: Piece,
 ) -> tuple[pa.Table, np.ndarray, list[tuple[int, int]]]:
     """Read some lines: the rows, their lines, and line and width of those of another width."""
-    misfits: list[Any] = []
+    begin, end, n = piece
+    text, misfits = fetch(begin, end), list[Any]()
     options = pa_csv.ParseOptions(
         delimiter=signs[0],
         quote_char=signs[2],
         invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
     )
-    table = pa_csv.read_csv(pa.BufferReader(piece), read, options, convert)
+    table = pa_csv.read_csv(pa.BufferReader(text), read, options, convert)
     if len(table) == n:
         return table, np.arange(n), []
-    ends = np.flatnonzero(piece == ord("\n"))
+    ends = np.flatnonzero(text == ord("\n"))
     lines = np.flatnonzero(np.diff(ends, prepend=-1) > 1)
     rows = [row.number - 1 for row in misfits]
     if len(table) + len(rows) != len(lines):
         raise ValueError("a line break stands in quotation marks")
     told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
-    widths = [(int(lines[row.number - 1]), row.actual_columns) for row in told]
-    return table, np.delete(lines, rows), widths
+    wrong = [(int(lines[row.number - 1]), row.actual_columns) for row in told]
+    return table, np.delete(lines, rows), wrong
 
 
 # --- workbooks ------------------------------------------------------------------------------------
@@ -388,27 +406,24 @@ def read_excel(path: Path, place: str) -> Iterator[Raw]:
         for sheet in book.worksheets:
             is_shown = sheet.sheet_state == "visible"
             rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True) if is_shown]
-            table = _table(place, sheet.title, rows)
-            if table is not None:
+            if (table := _table(place, sheet.title, rows)) is not None:
                 found.append(table)
             elif any(rows) or not is_shown:
                 left_out.append(sheet.title)
         if not found or any(table.frame.isna().to_numpy().any() for table in found):
-            names = [name for name in archive.namelist() if name.startswith("xl/worksheets/")]
-            if any(_UNCOMPUTED.search(archive.read(name)) for name in names):
+            sheets = (name for name in archive.namelist() if name.startswith("xl/worksheets/"))
+            if any(map(_UNCOMPUTED.search, map(archive.read, sheets))):
                 raise InputError(
                     f"{place}: holds formulas without their values: open it in a spreadsheet "
                     "program, which computes them, and save it"
                 )
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
-    notes = [f"sheet {title} left out: hidden, or without a table of numbers" for title in left_out]
-    yield replace(found[0], notes=tuple(notes))
-    yield from found[1:]
+    notes = (f"sheet {t} left out: hidden, or without a table of numbers" for t in left_out)
+    yield from (replace(found[0], notes=tuple(notes)), *found[1:])
 
 
 def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
-    """Return a row without the empty cells at its end."""
     length = max((i + 1 for i, cell in enumerate(row) if cell not in (None, "")), default=0)
     if length > MAX_COLUMNS:
         raise InputError(f"{place}: {length} columns, must be at most {MAX_COLUMNS}")
@@ -417,27 +432,27 @@ def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
 
 def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
     """Return the table of a sheet; None if it holds none."""
-    head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
-    if head is None:
+    if (head := find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])) is None:
         return None
-    body, columns, units = rows[head.first_row :], {}, {}
-    written = (*head.units, *[""] * len(head.names))
-    for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
-        if name:
-            columns[name] = _column([row[i] if i < len(row) else None for row in body])
-            units[name] = unit
-    texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
+    body, names = rows[head.first_row :], distinct_names(head.names)
+    frame = pd.DataFrame(
+        {
+            name: _column([row[i] if i < len(row) else None for row in body])
+            for i, name in enumerate(names)
+            if name
+        }
+    )
     return Raw(
         place,
-        pd.DataFrame(columns),
+        frame,
         title,
         "Excel workbook",
-        units,
+        dict(zip(names, head.units, strict=False)),
         head.fields,
         lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
         header_line=head.row + 1,
         units_line=head.units_row + 1,
-        signs=NumberSigns.of(texts),
+        signs=NumberSigns.of(text for name in frame for text in first_texts(frame[name])),
     )
 
 
@@ -448,7 +463,6 @@ def _shown(cell: Any) -> str:
 
 
 def _column(cells: list[Any]) -> Any:
-    """Return the cells of a column as numbers or texts."""
     kinds = {type(cell) for cell in cells if cell is not None and cell != ""}
     if kinds and kinds <= {int, float}:
         return np.array([np.nan if c is None or c == "" else float(c) for c in cells])

@@ -10,8 +10,16 @@ import numpy as np
 
 from beltid.bench import cells, mapping
 from beltid.bench.mapping import Found, Needs, channels_of, meant, resolved
-from beltid.bench.numbers import DAY_S, Clock, numbers_of, words_of
-from beltid.bench.raw import Field, Raw, codes_of, is_text
+from beltid.bench.raw import (
+    DAY_S,
+    Clock,
+    Field,
+    Raw,
+    codes_of,
+    is_text,
+    numbers_of,
+    words_of,
+)
 from beltid.config.checks import name_pattern, number_in_name
 from beltid.errors import Problems
 from beltid.tables.schemas import SETTINGS, Column
@@ -48,10 +56,9 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     """Read our columns from the tables of one recording, and empty them; None if it fails."""
     problems, wrong, clock = needs.problems, needs.problems.count, Clock(needs.problems)
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
-    own = {id(time.channel.raw): time.channel.key for time, _ in times.values()}
-    channels = [c for c in channels_of(raws) if own.get(id(c.raw)) != c.key]
-    raws = [raw for raw in raws if id(raw) in times] or raws[:1]
-    channels = [c for c in channels if id(c.raw) in {*map(id, raws)}]
+    own = {(id(time.channel.raw), time.channel.key) for time, _ in times.values()}
+    named, raws = channels_of(raws), [raw for raw in raws if id(raw) in times] or raws[:1]
+    channels = [c for c in named if c.raw in raws and (id(c.raw), c.key) not in own]
     raw, notes = raws[0], [*dict.fromkeys(note for raw in raws for note in raw.notes)]
     place = f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head
     found = mapping.mapped(channels, needs, place)
@@ -60,8 +67,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
-    has = {*stated, *(() if is_mapped else meant(channels, needs))}
-    mapping.refuse_missing(channels, found, needs, raw.head, has)
+    unclear = () if is_mapped else meant(channels, needs)
+    mapping.refuse_missing(channels, found, needs, raw.head, {*stated, *unclear})
     if not is_mapped or mapping.lacking(needs.table, {*found, *stated}):
         return None
     columns, rows = (
@@ -73,43 +80,37 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     for raw in raws:
         for name in [*raw.frame]:
             del raw.frame[name]  # its memory is free
-    part = Part(first, columns, found, names, notes, rows)
+    part, label = Part(first, columns, found, names, notes, rows), needs.table.label
+    labels = columns.get(label, np.zeros(len(part)))
     if clock.first:
-        labels = columns.get(needs.table.label, np.zeros(len(part)))
         columns["time_s"] = clock.elapsed(columns["time_s"], codes_of(labels)[0], part.at)
         notes.append(clock.note)
-    _fill(part, stated, needs)
-    return part
-
-
-def _fill(part: Part, stated: Mapping[str, Any], needs: Needs) -> None:
-    """Fill columns of a run with stated values; note what they replace."""
-    label = needs.table.label
-    labels = codes_of(part.columns.get(label, np.zeros(0)))[1] if label in stated else ()
-    if len(labels) > 1 and "time_s" in needs.table.names:
-        needs.problems.add(
-            f"{part.raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
-            f"{label} holds {len(labels)} labels"
+    is_one = label in stated and "time_s" in needs.table.names
+    if is_one and (count := len(codes_of(labels)[1])) > 1:
+        problems.add(
+            f"{raw.place}: {label} = {stated[label]} is stated for all of it, but its column "
+            f"{label} holds {count} labels"
         )
     for role, value in stated.items():
         is_word = isinstance(value, str)
         values = np.full(len(part), value, dtype=object if is_word else float)
-        before = part.columns.get(role, values[:0])
+        before = columns.get(role, values[:0])
         before = before[~absent(before)]
         differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
         if np.any(differ):
             told = f"{shown_value(value)} as stated replaces {shown_value(before[differ][0])}"
-            part.notes.append(f"{role} = {told} in the recording")
-        part.columns[role] = values
+            notes.append(f"{role} = {told} in the recording")
+        columns[role] = values
+    return part
 
 
 def _filled(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """Leave out the rows in which all of our columns that the file has are empty."""
-    empty = np.ones(len(next(iter(columns.values()), ())), dtype=bool)
-    for values in sorted(columns.values(), key=lambda values: values.dtype == object):
-        if empty.any():
-            empty &= absent(values)
-    if not empty.any() or not columns:
+    numbers_first = sorted(columns.values(), key=lambda values: values.dtype == object)
+    empty = np.array(bool(columns))
+    for values in numbers_first:
+        empty = empty & absent(values) if empty.any() else empty
+    if not empty.any():
         return columns, None
     rows = np.flatnonzero(~empty)
     return {role: values[rows] for role, values in columns.items()}, rows
@@ -140,9 +141,7 @@ def _stated(
     notes: list[str],
 ) -> dict[str, Any]:
     """Return label and settings: of all runs, in the name, in the table of runs, in the head."""
-    table, told = needs.table, dict(needs.values)
-    needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
-    is_complete = found.keys() >= {table.label, *needed}
+    table, told, unknown = needs.table, dict(needs.values), list[str]()
     if needs.pattern is not None:
         pattern = name_pattern(needs.pattern)
         values = next(filter(None, map(pattern.values, names)), {})
@@ -154,16 +153,19 @@ def _stated(
                     by = CONVERSIONS[column.unit][canonical_unit(unit)]
                     told[role] = by.apply(number_in_name(values[role]))
             except (KeyError, ValueError):
-                said = f'{role} = "{values[role]}" in the name, must be a number in {unit}'
-                needs.problems.add(f"{place}: {said}")
-        if not values and not is_complete:
+                needs.problems.add(
+                    f'{place}: {role} = "{values[role]}" in the name, must be a number in {unit}'
+                )
+        if not values:
             stated = f'runs.{table.kind}.pattern = "{needs.pattern}"'
-            needs.problems.add(f"{place}: the name does not match {stated}")
+            unknown.append(f"{place}: the name does not match {stated}")
     if needs.rows:
-        name = next((n for n in names if n in needs.rows), "")
-        told |= needs.rows.get(name, {})
-        if not name and not is_complete:
-            needs.problems.add(f"{needs.run_table}: has no row for {names[0]}")
+        row = next((needs.rows[name] for name in names if name in needs.rows), None)
+        told |= row or {}
+        unknown += [f"{needs.run_table}: has no row for {names[0]}"] if row is None else []
+    needed = {c.name for c in table.columns if c.required and c.name in SETTINGS}
+    for problem in () if found.keys() >= {table.label, *needed} else unknown:
+        needs.problems.add(problem)
     for role, matches in settings_in_head(fields, needs).items():
         if role not in found and role not in told:
             told |= _of_head(matches, needs, place, notes)
@@ -174,22 +176,23 @@ def _of_head(
     matches: Sequence[Found], needs: Needs, place: str, notes: list[str]
 ) -> dict[str, Any]:
     """Return a setting from the fields of the head that the config names, or of known names."""
-    silent, values = replace(needs, problems=Problems()), dict[str, Any]()
-    for match in matches:
-        values[match.channel.name] = values_of(resolved([match], silent, "") or match, silent)[0]
-    role, name = matches[0].role, matches[0].channel.name
-    recognised = matches[0].how == "recognised"
+    silent = replace(needs, problems=Problems())
+    values = {
+        match.channel.name: values_of(resolved([match], silent, "") or match, silent)[0]
+        for match in matches
+    }
+    role, name, recognised = matches[0].role, next(iter(values)), matches[0].how == "recognised"
     wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
     if len(set(values.values())) > 1:
         say = needs.say("columns", role, f'"{name}"')
         wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
-    if not wrong:
-        notes.extend([f"read header field {name} as {role}"] if recognised else [])
-        return {role: values[name]}
-    if recognised and not needs.table.column(role).required:
+    if wrong and recognised and not needs.table.column(role).required:
         return {}
-    needs.problems.add(f"{place}: {wrong[0]}")
-    return {role: np.nan}
+    if wrong:
+        needs.problems.add(f"{place}: {wrong[0]}")
+    elif recognised:
+        notes.append(f"read header field {name} as {role}")
+    return {role: np.nan if wrong else values[name]}
 
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
@@ -217,8 +220,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
         row = {role: values[k] for role, values in part.columns.items()}
-        name = str(row.pop("file") or "")
-        if name in rows:
+        if (name := str(row.pop("file") or "")) in rows:
             needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
         rows[name] = {role: cell for role, cell in row.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
@@ -232,17 +234,15 @@ Times = dict[int, tuple[Found, np.ndarray]]  # table of a raster -> channel of i
 
 def _times(raws: Sequence[Raw], needs: Needs, clock: Clock) -> Times:
     """Return the rasters that hold a channel of ours and have a time, if need be one alike."""
-    times: Times = {}
-    wanted = {id(raw): meant(channels_of([raw]), needs) for raw in raws}
+    times, wanted = Times(), {id(raw): meant(channels_of([raw]), needs) for raw in raws}
     for raw in raws:
-        matches = wanted[id(raw)].pop("time_s", None)
-        found = resolved(matches, needs, raw.place) if matches else None
-        if found is not None:
+        matches = wanted[id(raw)].pop("time_s", ())
+        if matches and (found := resolved(matches, needs, raw.place)) is not None:
             times[id(raw)] = found, values_of(found, needs, clock)
     for raw in raws:
-        alike = [time for time in times.values() if len(time[1]) == len(raw.frame)]
-        if id(raw) not in times and alike:
-            times[id(raw)] = alike[0]
+        alike = (time for time in times.values() if len(time[1]) == len(raw.frame))
+        if id(raw) not in times and (time := next(alike, None)):
+            times[id(raw)] = time
     return {of: time for of, time in times.items() if wanted[of]}
 
 
@@ -250,25 +250,25 @@ def _aligned(
     found: dict[str, Found], times: Times, first: Raw, needs: Needs, notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Interpolate the rasters at the times of the first sensor that all `MASTERS` share."""
-    seconds = {of: written.copy() for of, (_, written) in times.items()}
-    for of, own in seconds.items():
-        if times[of][0].is_clock:
-            own += DAY_S * np.cumsum(np.diff(own, prepend=own[:1]) < -DAY_S / 2)  # past midnight
+    seconds = {  # clock times go on past midnight
+        of: own + DAY_S * np.cumsum(found.is_clock & (np.diff(own, prepend=own[:1]) < -DAY_S / 2))
+        for of, (found, own) in times.items()
+    }
     time = seconds[id(first)]
     masters = [seconds[id(found[r].channel.raw)] for r in MASTERS if r in found] or [time]
     begin, end = max(t[0] for t in masters), min(t[-1] for t in masters)
     kept = (time >= begin) & (time <= end)
     columns, moved, left_out = {"time_s": times[id(first)][1][kept]}, list[str](), list[str]()
     for role in [role for role in found if role != "time_s"]:
-        match, own = found[role], seconds[id(found[role].channel.raw)]
-        values, name = values_of(match, needs), match.channel.name
+        match = found[role]
+        values, own = values_of(match, needs), seconds[id(match.channel.raw)]
         if len(own) == len(time) and np.allclose(own, time, rtol=0, atol=1e-9):
             columns[role] = values[kept]
         elif values.dtype == object:
-            left_out.append(name)
+            left_out.append(match.channel.name)
             del found[role]
         else:
-            moved.append(name)
+            moved.append(match.channel.name)
             columns[role] = np.interp(time, own, values, left=np.nan, right=np.nan)[kept]
             if not np.all(np.diff(own) > 0):
                 needs.problems.add(

@@ -47,33 +47,30 @@ class Source:
     @contextlib.contextmanager
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
-        path, form = self.path, "zip" if self.member else format_of(self.path)
+        path, form, larger = self.path, "zip" if self.member else format_of(self.path), "larger"
         with contextlib.ExitStack() as held:
-            if is_packed := form in ("gzip", "zip"):
+            if form in ("gzip", "zip"):
                 folder = held.enter_context(tempfile.TemporaryDirectory(prefix="beltid-"))
-                path = Path(folder) / "recording"
+                path, larger = Path(folder) / "recording", "unpacks to more"
                 self._unpack(path)
                 form = format_of(path)
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             if path.stat().st_size > MAX_BYTES:
-                what = "unpacks to more" if is_packed else "larger"
-                raise InputError(f"{self.name}: {what} than {MAX_BYTES >> 20} MB, split it")
+                raise InputError(f"{self.name}: {larger} than {MAX_BYTES >> 20} MB, split it")
             yield path, form
 
     def _unpack(self, out: Path) -> None:
         """Unpack the file in parts, up to a limit."""
-        try:
-            with opened(self.path) as file, out.open("wb") as target:
+        what = f"{self.member} in the zip file" if self.member else "the gzip file"
+        with opened(self.path) as file, out.open("wb") as target:
+            try:
                 archive = zipfile.ZipFile(file) if self.member else None
                 packed = archive.open(self.member) if archive else gzip.GzipFile(fileobj=file)
                 while target.tell() <= MAX_BYTES and (part := packed.read(1 << 22)):
                     target.write(part)
-        except InputError:
-            raise
-        except Exception:  # each compression method raises its own errors
-            what = f"{self.member} in the zip file" if self.member else "the gzip file"
-            raise InputError(f"{self.name}: {what} is damaged or cut off") from None
+            except Exception:  # each compression method raises its own errors
+                raise InputError(f"{self.name}: {what} is damaged or cut off") from None
 
 
 def is_many(path: Path) -> bool:
@@ -91,8 +88,8 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     if format_of(path) != "zip":
         return [Source(name, path, PurePath(path.name))]
     packed = _members(path, name)
-    shown = [f"{name}/{member}" if len(packed) > 1 else name for member in packed]
-    return [Source(s, path, PurePosixPath(m), m) for s, m in zip(shown, packed, strict=True)]
+    inside = "/{}" if len(packed) > 1 else ""
+    return [Source(name + inside.format(m), path, PurePosixPath(m), m) for m in packed]
 
 
 def _shown(path: PurePath) -> str:
@@ -102,12 +99,13 @@ def _shown(path: PurePath) -> str:
 
 def content_of(path: Path, besides: Sequence[Path] = ()) -> str:
     """Return the checksum of a file, or of names and contents of several without `besides`."""
-    if not is_many(path):
-        with opened(path) as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    sources = sources_of(path, besides)
-    lines = [f"{s.inside.as_posix()}\0{content_of(s.path)}\n" for s in sources]
-    return sha256("".join(lines).encode(errors="surrogateescape"))
+    if is_many(path):
+        lines = (
+            f"{s.inside.as_posix()}\0{content_of(s.path)}\n" for s in sources_of(path, besides)
+        )
+        return sha256("".join(lines).encode(errors="surrogateescape"))
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def folder_of(path: Path) -> Path:
@@ -122,11 +120,11 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
     ignored = _COMPANIONS | _NOT_RECORDINGS if path.is_dir() else _COMPANIONS
+    what = "holds no recording" if path.is_dir() else "no file matches this pattern"
     try:
-        found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
         files = [
             f
-            for f in found
+            for f in (path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path))))
             if not f.is_dir()
             and (f.is_file() or f.is_symlink())  # the reader reports a dead link
             and not f.name.startswith((".", "~$"))
@@ -137,7 +135,6 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     except PermissionError:
         raise InputError(f"{path}: no permission to open the folder") from None
     if not files:
-        what = "holds no recording" if path.is_dir() else "no file matches this pattern"
         raise InputError(f"{path}: {what}")
     if path.is_dir():
         _refuse_kinds(files, str(path))
@@ -161,12 +158,11 @@ def _members(path: Path, shown: str) -> list[str]:
 def _refuse_kinds(files: Sequence[PurePath], place: str) -> None:
     """Refuse files that are too many, or of several kinds."""
     endings = ("".join(f.suffixes[-2:]) if f.suffix == ".gz" else f.suffix for f in files)
-    kinds = Counter(ending.lower() for ending in endings)
-    if len(kinds) > 1:
+    if len(kinds := Counter(map(str.lower, endings))) > 1:
         shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
-        only = PurePath(place, f"*{kinds.most_common(1)[0][0]}")
         raise InputError(
-            f"{place}: holds files of several kinds ({shown}); name only the runs, such as {only}"
+            f"{place}: holds files of several kinds ({shown}); name only the runs, such as "
+            f"{PurePath(place, '*' + kinds.most_common(1)[0][0])}"
         )
     if len(files) > MAX_FILES:
         raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")
@@ -186,16 +182,13 @@ def format_of(path: Path) -> str:
     with opened(path) as file:
         head = file.read(1024)
     form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "text")
-    if form == "zip":
-        data = path.read_bytes()  # also of a damaged archive
-        return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
-    return form
+    data = path.read_bytes() if form == "zip" else b""  # also of a damaged archive
+    return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else form
 
 
 def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:
     """Return a text as UTF-8 with single line feeds, its encoding, and notes."""
-    notes: list[str] = []
-    encoding = (stated or "utf-8").lower()
+    notes, encoding = list[str](), (stated or "utf-8").lower()
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
     elif data.startswith(codecs.BOM_UTF8):  # the mark overrides the config
@@ -204,19 +197,18 @@ def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray,
         try:
             data = bytearray(data.decode(encoding).encode())
         except UnicodeDecodeError as error:
-            is_windows = re.search(rb"[\x80-\x9f]", data)
-            if stated or is_windows or b"\0" in data:
-                line = data[: error.start].count(b"\n") + 1
-                hint = "" if stated else "; if it is of Windows, set dialect: {encoding: cp1252}"
+            if stated or re.search(rb"[\x80-\x9f]", data) or b"\0" in data:
+                is_no = stated or "UTF-8; if it is of Windows, set dialect: {encoding: cp1252}"
+                line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
                 raise InputError(
-                    f"{place}:{line}: byte 0x{data[error.start]:02X} is not "
-                    f"{stated or 'UTF-8'}{hint}; if it is no text, export it to CSV"
+                    f"{place}:{line}: byte 0x{byte:02X} is not {is_no}; if it is no text, export "
+                    "it to CSV"
                 ) from None
             # of which cp1252 gives the same text
             data, encoding = bytearray(data.decode("latin-1").encode()), "latin-1"
             notes.append("not UTF-8, read as latin-1")
-    if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+    if (zero := data.find(0)) >= 0:
+        line = data.count(b"\n", 0, zero) + 1
         raise InputError(f"{place}:{line}: holds a zero byte: damaged, or no text")
     if data and data[-1:] not in b"\r\n":
         notes.append("the last line does not end: if the file was cut off, its number is wrong")

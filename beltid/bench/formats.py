@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.files import as_utf8
-from beltid.bench.numbers import NumberSigns, numbers_of
-from beltid.bench.raw import POSITION, Field, Raw
+from beltid.bench.raw import POSITION, Field, NumberSigns, Raw, numbers_of
 from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 from beltid.tables.units import CONVERSIONS, T, conversion
@@ -59,17 +58,15 @@ def tables_of(
     notes: Sequence[str] = (),
 ) -> list[Raw]:
     """Return the channels of a group, those with the same times in a table; note the others."""
-    parts: dict[Any, Raw] = {}
-    left_out = [*notes]
+    parts, left_out = dict[Any, Raw](), [*notes]
     for channel in channels:
         values, times = np.asarray(channel.values), channel.times
         if values.ndim != 1 or values.dtype.kind not in "biufOSUM":
             left_out.append(f"channel {channel.name} left out: no plain numbers")
         elif values.size:
             key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-            of_time = {} if times is None else {TIME: times}
-            units = dict.fromkeys(of_time, "s")
-            raw = parts.setdefault(key, Raw(place, pd.DataFrame(of_time), name, form, units))
+            time, units = ({}, {}) if times is None else ({TIME: times}, {TIME: "s"})
+            raw = parts.setdefault(key, Raw(place, pd.DataFrame(time), name, form, units))
             alike = sum(POSITION.sub("", str(known)) == channel.name for known in raw.frame)
             own = f"{channel.name} #{alike + 1}" if alike else channel.name
             raw.frame[own] = column_of(values)
@@ -83,7 +80,7 @@ def column_of(values: np.ndarray) -> Any:
     if values.dtype.kind in "iuf":
         return values.astype(float)
     if values.dtype.kind == "b":
-        return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
+        values = np.where(values, "true", "false")
     if values.dtype.kind == "M":
         values = np.datetime_as_string(values, unit="us")
     texts = [str(plain(value)).strip("\0 ") or None for value in values.tolist()]
@@ -103,8 +100,7 @@ def written(
     """Return a channel with its unit and scaling, as its properties say: ``slope = 0.02``."""
     found = []
     for word, value in about.items() if values.dtype.kind in "iu" else ():
-        neutral = SCALING.get(str(word).lower())
-        if neutral is not None and np.size(value) == 1:
+        if (neutral := SCALING.get(str(word).lower())) is not None and np.size(value) == 1:
             number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
             if number == number and number != neutral:
                 found.append(f"{word} = {number:g}")
@@ -121,8 +117,9 @@ def in_seconds(times: T, unit: str, place: str) -> T:
     """Convert times to seconds, also without a unit; InputError for a unit of no time."""
     by = conversion(unit, "s") or conversion(unit.lower(), "s")
     if by is None and unit.strip():
-        allowed = ", ".join(CONVERSIONS["s"])
-        raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
+        raise InputError(
+            f"{place}: the time is in {unit.strip()}, must be one of {', '.join(CONVERSIONS['s'])}"
+        )
     return times if by is None or by.factor == 1.0 else by.apply(times)
 
 
@@ -137,8 +134,8 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
         file = TdmsFile.read(stream)
     if file.file_status.incomplete_final_segment:
         raise InputError(f"{place}: damaged: the last segment is cut off")
-    channels = [c for group in file.groups() for c in group.channels()]
-    starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
+    every = (channel.properties for group in file.groups() for channel in group.channels())
+    starts = (about["wf_start_time"] for about in every if "wf_start_time" in about)
     origin = np.datetime64(min(starts, default="NaT"))
     for group in file.groups():
         said = {**file.properties, **group.properties}.items()
@@ -148,9 +145,8 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
             values, about, times = channel[:], channel.properties, None
             step = float(about.get("wf_increment") or 0.0)  # LabVIEW writes 0 if it is unknown
             if 0 < step < np.inf and len(values):
-                unit = str(about.get("wf_xunit_string", ""))
-                offset = float(about.get("wf_start_offset", 0.0))
-                step, offset = (in_seconds(t, unit, place) for t in (step, offset))
+                written_s = np.array([step, float(about.get("wf_start_offset", 0.0))])
+                step, offset = in_seconds(written_s, str(about.get("wf_xunit_string", "")), place)
                 if "wf_start_time" in about:
                     late = np.datetime64(about["wf_start_time"]) - origin
                     offset += float(late / np.timedelta64(1, "us")) * 1e-6
@@ -187,15 +183,13 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     data = path.read_bytes()  # what the library would read wrong is refused
     if not data.rstrip().endswith(b"-1"):
         raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
-    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
-        if not re.match(rb"\s*[12]\s+2\b", head):
-            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
-    file = pyuff.UFF(str(path))
-    found, left_out = list[Written](), list[str]()
+    heads = re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE)
+    if not all(re.match(rb"\s*[12]\s+2\b", head) for head in heads):
+        raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
+    file, found, left_out = pyuff.UFF(str(path)), list[Written](), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
-        is_time = record.get("abscissa_spec_data_type") == 17
-        if not is_time or np.iscomplexobj(record["data"]):
+        if record.get("abscissa_spec_data_type") != 17 or np.iscomplexobj(record["data"]):
             left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
             continue
         said = {k: v.strip() for k, v in record.items() if isinstance(v, str)}
@@ -208,10 +202,9 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
             )
         even = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
         times = even if record["abscissa_spacing"] else np.asarray(record["x"], dtype=float)
+        times = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
         name = said.get("id1") or said.get("ordinate_axis_lab") or f"response {record['rsp_node']}"
-        seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
-        unit = said.get("ordinate_axis_units_lab", "")
-        found.append(Written(name, record["data"], unit, seconds))
+        found.append(Written(name, record["data"], said.get("ordinate_axis_units_lab", ""), times))
     if not found:
         raise InputError(f"{place}: no dataset 58 holds real numbers over time")
     yield from tables_of(place, "", "universal file (UFF 58)", found, notes=left_out)
@@ -231,17 +224,16 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
-        ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
-        end = next(ends, last)
+        end = next(
+            (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels"), last
+        )
         clock = f"{_cell(own, 'Date')} {_cell(own, 'Time').replace(',', '.')}"
         told = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", clock), errors="coerce")
         start = float("nan") if pd.isna(told) else float(told.timestamp())  # [s from 1970-01-01]
-        rasters = _segment(lines, (at, end), own, place, problems)
-        whole = _continued(*parts[-1], rasters[0], start) if parts and len(rasters) == 1 else None
-        if whole is None:
-            parts += [(raster, start) for raster in rasters]
-        else:
-            parts[-1] = whole
+        new = [(raster, start) for raster in _segment(lines, (at, end), own, place, problems)]
+        if parts and len(new) == 1 and (whole := _continued(*parts[-1], *new[0])):
+            parts, new = parts[:-1], [whole]
+        parts += new
         if problems.count > SHOWN:
             break
     problems.raise_if_any()
@@ -271,54 +263,48 @@ def _segment(
     """Read the rows of one segment, a table per raster of times."""
     at, end = span
     names = [*itertools.takewhile(lambda name: name not in ("", "Comment"), lines[at])]
-    rows = lines[at + 1 : end]
-    if rows and len(rows[-1]) < len(names) and end >= len(lines) - 1:
+    if (rows := lines[at + 1 : end]) and len(rows[-1]) < len(names) and end >= len(lines) - 1:
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
     cells = pd.DataFrame(rows, dtype="str").reindex(columns=range(len(names)))
     own = Raw(place, cells, lines=range(at + 2, end + 1))
     columns = [numbers_of(cells[i], signs, name, own.at, problems) for i, name in enumerate(names)]
     kind = _cell(header, "X_Columns").lower() or "one"
-    is_multi, last = kind == "multi", len(names) - 1
-    pairs = [(i if is_multi else 0, i + 1) for i in range(0, last, 2 if is_multi else 1)]
+    is_multi = kind == "multi"
+    pairs = [(i * is_multi, i + 1) for i in range(0, len(names) - 1, 1 + is_multi)]
     between = (cells[1::2] for key, cells in header.items() if _TECHNICAL.fullmatch(key))
     if is_multi and not any(map(any, between)):  # a blank above the times of each channel
         header = {key: cells[::2] for key, cells in header.items()}
-    fields = [
-        Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
-    ]
     found = list[Written]()
     for k, (x, y) in enumerate(pairs):
-        stated = _cell(header, "Samples", k)
-        if stated.isdecimal() and int(stated) > len(rows):
+        if (stated := _cell(header, "Samples", k)).isdecimal() and int(stated) > len(rows):
             problems.add(
                 f"{place}:{end}: {names[y]} has {len(rows)} samples, its header states {stated}: "
                 "the file is cut off"
             )
-        filled = np.flatnonzero(~np.isnan(columns[y]))
-        length = int(filled[-1]) + 1 if filled.size else 0
-        listed = None if kind == "no" else columns[x][:length]
-        times = _time(listed, header, k, length, f"{place}, line {at + 1}") if length else None
-        found.append(
-            Written(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
-        )
+        values = columns[y][: np.max(np.flatnonzero(~np.isnan(columns[y])), initial=-1) + 1]
+        listed = columns[x][: values.size] if kind != "no" else np.full(values.size, np.nan)
+        times = _time(listed, header, k, f"{place}, line {at + 1}") if values.size else None
+        found.append(Written(names[y], values, _cell(header, "Y_Unit_Label", k), times))
+    said = ((key, _cell(header, key)) for key in header if not _TECHNICAL.fullmatch(key))
+    fields = [Field(key, cell) for key, cell in said if cell]
     return [
         replace(raw, lines=own.lines[: len(raw.frame)], header_line=at + 1)
         for raw in tables_of(place, "", "LabVIEW measurement (.lvm)", found, fields)
     ]
 
 
-def _time(
-    listed: np.ndarray | None, header: Header, k: int, n: int, place: str
-) -> np.ndarray | None:
+def _time(listed: np.ndarray, header: Header, k: int, place: str) -> np.ndarray | None:
     """Return the times of a channel [s], as listed or from its start and step."""
     if _cell(header, "X_Dimension", k).lower() not in ("", "time", "zeit"):
         return None
-    if listed is None or np.isnan(listed).all():
+    if np.isnan(listed).all():
         cells = (_cell(header, key, k).replace(",", ".") for key in ("X0", "Delta_X"))
         start, step = pd.to_numeric(pd.Series([*cells]), errors="coerce").fillna(0.0)
-        listed = even_times(start, step, n) if step > 0 else None
-    return None if listed is None else in_seconds(listed, _cell(header, "X_Unit_Label", k), place)
+        if not step > 0:
+            return None
+        listed = even_times(start, step, listed.size)
+    return in_seconds(listed, _cell(header, "X_Unit_Label", k), place)
 
 
 def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw, float] | None:
@@ -333,7 +319,7 @@ def _continued(before: Raw, start: float, after: Raw, later: float) -> tuple[Raw
             return None
         shift = gap
     frame = pd.concat([before.frame, after.frame.assign(**{TIME: b - shift})], ignore_index=True)
-    lines = np.concatenate([np.asarray(before.lines), np.asarray(after.lines)])
+    lines = np.concatenate([before.lines, after.lines])
     return replace(before, frame=frame, lines=lines), later + shift
 
 
@@ -346,8 +332,8 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 
     with path.open("rb") as stream:
         content = loadmat(stream, squeeze_me=True, simplify_cells=True)
-    members = {k: v for k, v in content.items() if not k.startswith("__")}
-    yield from _tables(_struct(members), place, "MATLAB, version 5")
+    members = _struct({name: of for name, of in content.items() if not name.startswith("__")})
+    yield from _tables(members, place, "MATLAB, version 5")
 
 
 def _struct(members: Mapping[str, Any]) -> Variables:
@@ -388,9 +374,8 @@ def _dataset(name: str, item: Any) -> Written:
     """Return a dataset: numbers or texts; None for one in another file, and for any other."""
     import h5py
 
-    about = dict(item.attrs)
-    is_elsewhere = item.is_virtual or bool(item.external)
-    if is_elsewhere or item.dtype == h5py.ref_dtype or about.get("MATLAB_empty", 0):
+    about, is_reference = dict(item.attrs), item.dtype == h5py.ref_dtype
+    if item.is_virtual or item.external or is_reference or about.get("MATLAB_empty", 0):
         return Written(name, None)
     values = np.squeeze(np.asarray(item[()]))
     if about.get("MATLAB_class", b"") == b"char":
@@ -410,18 +395,21 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
                 structs.append((f"{name}.{key}" if name else key, member, fields))
                 continue
             array = np.asarray(member.values)
-            is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
-            if array.size == 1 and array.dtype.kind in "biufOSU" and member.values is not None:
+            kind = array.dtype.kind
+            if array.size == 1 and kind in "biufOSU" and member.values is not None:
                 fields.append(Field(key, str(plain(array)), member.unit))
-            elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
+            elif (
+                array.ndim == 1
+                and array.size
+                and (kind in "biufSU" or all(isinstance(v, str) for v in array))
+            ):
                 found.append(member)
             elif array.size:
                 left_out.append(f"{key} left out: no list of numbers or texts")
         yield from tables_of(place, name, form, found, fields, left_out)
         is_empty = is_empty and not found
     if is_empty:
-        held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
-            f"{place}: holds no vector of samples (found: {held}); save vectors, or a struct of "
-            "vectors"
+            f"{place}: holds no vector of samples (found: "
+            f"{', '.join(left_out or members) or 'nothing'}); save vectors, or a struct of vectors"
         )

@@ -16,13 +16,15 @@ from typing import Any, Final
 
 import pandas as pd
 
-from beltid.bench.numbers import NumberSigns, is_clock, is_date
 from beltid.bench.raw import (
     IN_NAME,
     POSITION,
     Field,
+    NumberSigns,
     Raw,
     first_texts,
+    is_clock,
+    is_date,
     is_unit,
     roles_meant,
     simplified,
@@ -75,7 +77,7 @@ class Needs:
 
     table: Table
     names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
-    units: Mapping[str, str | Mapping[str, float]] = field(default_factory=dict)
+    units: Mapping[str, Any] = field(default_factory=dict)  # our column -> unit, calibration
     pattern: str | None = None  # of the file names, with label and settings
     run_table: Path | None = None  # with a row per file
     rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of it, by file or group
@@ -94,16 +96,18 @@ class Needs:
         kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
         runs, rig, dialect = config.runs[kind], config.rig, config.dialect
         if dialect.decimal is not None and dialect.decimal == dialect.thousands:
-            both = f'dialect.decimal and dialect.thousands are both "{dialect.decimal}"'
-            raise InputError(f"config: {both}, must differ")
-        weight = {"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {}
+            raise InputError(
+                f'config: dialect.decimal and dialect.thousands are both "{dialect.decimal}", must '
+                "differ"
+            )
         return cls(
             table,
             config.columns[kind],
             config.units[kind],
             runs["pattern"],
             runs["table"],
-            values=weight | runs["values"],
+            values=({"weight_N": rig.weight_N} if kind == "rig" and rig.weight_N else {})
+            | runs["values"],
             dialect=dialect,
             measures=(rig.kind, rig.weight_on),
         )
@@ -136,9 +140,8 @@ class Channel:
     def written(self) -> str:
         """How its first cells are written: "clock", "date" or "" for anything else."""
         cells = first_texts(self.values)
-        if cells and all(map(is_date, cells)):
-            return "date"
-        return "clock" if cells and is_clock(cells[0]) else ""
+        is_dated = bool(cells) and all(map(is_date, cells))
+        return "date" if is_dated else "clock" if cells and is_clock(cells[0]) else ""
 
     @property
     def base(self) -> str:
@@ -148,9 +151,9 @@ class Channel:
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
-        exact, bare = (self.name, f"{self.raw.name}/{self.key}"), split_unit(self.base)[0]
+        bare = split_unit(self.key)[0], split_unit(self.base)[0]
         ours = OTHER_UNITS.get(self.base, ("",))[:1]
-        return exact, (self.base,), (split_unit(self.key)[0], bare), ours
+        return (self.name, f"{self.raw.name}/{self.key}"), (self.base,), bare, ours
 
     @property
     def units(self) -> tuple[str, str]:
@@ -168,8 +171,8 @@ class Channel:
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
         of_name, beside = self.units
-        unitless = canonical_unit(beside) in NO_UNIT and not of_name
-        return unitless and bool(_IN_RPM.search(self.key))
+        has_unit = of_name or canonical_unit(beside) not in NO_UNIT
+        return not has_unit and bool(_IN_RPM.search(self.key))
 
     @property
     def unit(self) -> str:
@@ -178,8 +181,8 @@ class Channel:
         if canonical_unit(beside) not in NO_UNIT:
             return beside
         unknown = IN_NAME.search(self.key)
-        by_name = of_name or ("rpm" if self.is_in_rpm_by_name else beside)
-        return by_name or (unknown[1].strip() if unknown else "")
+        known = of_name or ("rpm" if self.is_in_rpm_by_name else beside)
+        return known or (unknown[1].strip() if unknown else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +226,8 @@ def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[C
         unit, number = entry.unit or unit, _NUMBER_AND_UNIT.match(text)
         if not unit and number and is_unit(number[2]):
             text, unit = number[1], number[2].strip()
-        signs = NumberSigns.of([text], dialect.decimal, dialect.thousands)
         frame = pd.DataFrame({name: pd.array([text], dtype="str")})
+        signs = NumberSigns.of([text], dialect.decimal, dialect.thousands)
         raw = Raw("", frame, units={name: unit}, signs=signs)
         channels.append(Channel(raw, name, name, "header field"))
     return channels
@@ -232,8 +235,8 @@ def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[C
 
 def lacking(table: Table, has: Collection[str]) -> list[str]:
     """Return the sensors that a run lacks; a friction rig needs two of its forces."""
-    outside = {*schemas.SETTINGS, "time_s", table.label}
-    missing = [c.name for c in table.columns if c.required and c.name not in {*outside, *has}]
+    known = {*schemas.SETTINGS, "time_s", table.label, *has}
+    missing = [c.name for c in table.columns if c.required and c.name not in known]
     if table.kind == "rig" and not missing and len({*FORCES} & {*has}) < 2:
         missing = [name for name in FORCES if name in table.names and name not in has][:1]
     return missing
@@ -241,36 +244,34 @@ def lacking(table: Table, has: Collection[str]) -> list[str]:
 
 def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     """Return our columns -> channels that fit; several for one column are ambiguous."""
-    columns = needs.table.columns
-    found = {c.name: own for c in columns if (own := _named(c.name, channels, needs))}
-    taken = {id(named[0].channel) for named in found.values()}
+    found = {c.name: _named(c.name, channels, needs) for c in needs.table.columns}
+    taken = {id(named[0].channel) for named in found.values() if named}
     free = [c for c in channels if id(c) not in taken]
     words = {id(c): roles_meant(c.base, needs.table.kind) for c in free}
-    sensors = lacking(needs.table, ())
-    for column in columns:
-        if column.name in found or column.name in needs.names:
+    for column in needs.table.columns:
+        if found[column.name] or column.name in needs.names:
             continue
         fit = [c for c in free if column.name in words[id(c)]]
         if column.dtype != "string" and column.name not in needs.units:
             fit = [c for c in fit if _can_be(c, column)] or fit
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
-        if len(fit) == 1 and column.name in sensors:
+        if len(fit) == 1 and column.name in lacking(needs.table, ()):
             # channels whose names differ by a number only are alike
             alike = simplified(fit[0].base).rstrip(_DIGITS)
             others = (c for c in free if not words[id(c)] and _can_be(c, column))
             fit += [c for c in others if simplified(c.base).rstrip(_DIGITS) == alike]
-        if fit:
-            found[column.name] = [Found(column.name, c, "recognised") for c in fit]
-    return {column.name: found[column.name] for column in columns if column.name in found}
+        found[column.name] = [Found(column.name, c, "recognised") for c in fit]
+    return {role: matches for role, matches in found.items() if matches}
 
 
 def _can_be(channel: Channel, column: Column) -> bool:
     """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
+    unit = channel.unit
     if channel.written:
         return channel.written == "clock" and column.name == "time_s"
-    is_raw = canonical_unit(channel.unit) in RAW and column.name not in schemas.SETTINGS
-    return not channel.unit or is_raw or conversion(channel.unit, column.unit) is not None
+    is_raw = canonical_unit(unit) in RAW and column.name not in schemas.SETTINGS
+    return not unit or is_raw or conversion(unit, column.unit) is not None
 
 
 def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
@@ -285,19 +286,19 @@ def _named(role: str, channels: Sequence[Channel], needs: Needs) -> list[Found]:
 
 def mapped(channels: Sequence[Channel], needs: Needs, place: str) -> dict[str, Found]:
     """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
-    every = meant(channels, needs).items()
-    return {r: one for r, of in every if (one := resolved(of, needs, place)) is not None}
+    every = ((r, resolved(of, needs, place)) for r, of in meant(channels, needs).items())
+    return {role: one for role, one in every if one is not None}
 
 
 def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None:
     """Return the one channel that fits, with the conversion to our unit; report what is unclear."""
     match, column = matches[0], needs.table.column(matches[0].role)
     if len(matches) > 1:
-        names = [f'"{each.channel.name}"' for each in matches]
         can_be = ", ".join(each.channel.shown for each in matches[:8])
-        say = needs.say("columns", column.name, names[0])
+        one, two, *_ = (f'"{each.channel.name}"' for each in matches)
+        say = needs.say("columns", column.name, one)
         if column.name == "force_N":  # two forces and a travel are not always those of a press
-            of_rig = f"{{tension_tight_N: {names[0]}, tension_slack_N: {names[1]}}}"
+            of_rig = f"{{tension_tight_N: {one}, tension_slack_N: {two}}}"
             say += f"; if it is a friction rig: columns: {{rig: {of_rig}}}"
         needs.problems.add(f"{place}: {can_be} can be {column.name}, say which: {say}")
         return None
@@ -305,9 +306,8 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
         return replace(match, stated=match.is_clock)
     by = _conversion(column, match, needs)
     if isinstance(by, tuple):
-        what, *units = by
-        say = needs.say("units", column.name, *units)
-        needs.problems.add(f"{place}: {match.shown} {what}: state {say}".removeprefix(": "))
+        say = needs.say("units", column.name, *by[1:])
+        needs.problems.add(f"{place}: {match.shown} {by[0]}: state {say}".removeprefix(": "))
     known = by if isinstance(by, Conversion) else Conversion(1.0)
     signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
     return replace(match, by=signed, stated=isinstance(by, Conversion))
@@ -316,43 +316,54 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:
     """Return the conversion of a channel; what is unclear and its answers; None: no unit stated."""
     channel, ours = found.channel, column.unit
-    unit, stated = channel.unit, needs.units.get(column.name)
-    plain, by = canonical_unit(unit), conversion(unit, ours)
-    if isinstance(stated, str):
-        of = calibration(stated, ours)
-        if of is None and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
-            return "is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}"
-    else:
-        of = Calibration(stated["factor"], stated["offset"]) if stated else None
-    if of is not None:
+    unit, stated = channel.unit, needs.units.get(column.name, {})
+    plain, by, factors = canonical_unit(unit), conversion(unit, ours), "{factor: ..., offset: ...}"
+    is_word = isinstance(stated, str)
+    if of := calibration(stated, ours) if is_word else Calibration(**stated) if stated else None:
         wrong = f"is in {unit}, but the calibration of the config is for {of.per}"
-        return of.conversion(unit) or (wrong, "{factor: ..., offset: ...}")
-    if isinstance(stated, str):
+        return of.conversion(unit) or (wrong, factors)
+    if is_word and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
+        return "is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}"
+    if is_word:
         return conversion(stated, ours)
     both = [canonical_unit(u) for u in channel.units if conversion(u, ours)]
-    if len({conversion(u, ours) for u in both}) > 1:
-        return f"is in {both[0]} by its name and in {both[1]} by its unit", *both
-    if scaling := channel.raw.scaling.get(channel.key):
-        what = f"holds whole numbers, but the file states {scaling}, which was not applied"
-        return what, "{factor: ..., offset: ...}", ours
-    if plain in ("", "-"):
-        ending = channel.key.rpartition("_")[2]
-        if found.how == "recognised":
-            return "has no unit", ours, *(["rpm"] if ours == "rad/s" else [])
-        is_other = conversion(ending, ours) not in (None, Conversion(1.0))
-        return (f"may be in {ending} by its name", ending, ours) if is_other else None
-    if plain in RAW:
-        per = f"250 {ours}/{'mV' if plain == 'mV' else 'V'}"
-        return f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"
-    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND:
-        return f"is in {unit}, turns or radians", "rev/s", "rad/s"
-    if ours == "rad/s" and plain in ("m/s", "mm/s"):
-        return f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"
-    if by is None and plain != "1":
-        allowed = ", ".join(CONVERSIONS.get(ours, {}))
-        near = difflib.get_close_matches(plain, CONVERSIONS.get(ours, {}), 1, 0.8)
-        return f"is in {unit}, must be one of {allowed}", *near, "{factor: ..., offset: 0}"
-    return by
+    ending, scaling = channel.key.rpartition("_")[2], channel.raw.scaling.get(channel.key)
+    unitless, is_guess, is_turning = plain in ("", "-"), found.how == "recognised", ours == "rad/s"
+    not_applied = f"holds whole numbers, but the file states {scaling}, which was not applied"
+    per = f"250 {ours}/{'mV' if plain == 'mV' else 'V'}"
+    unclear: tuple[tuple[Any, ...], ...] = (  # whether it is, what it is, what may be stated
+        (
+            len({conversion(u, ours) for u in both}) > 1,
+            f"is in {' by its name and in '.join(both)} by its unit",
+            *both,
+        ),
+        (scaling, not_applied, factors, ours),
+        (unitless and is_guess, "has no unit", ours, *(["rpm"] if is_turning else [])),
+        (
+            unitless and conversion(ending, ours) not in (None, Conversion(1.0)),
+            *(f"may be in {ending} by its name", ending, ours),
+        ),
+        (
+            plain in RAW,
+            *(f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"),
+        ),
+        (
+            is_turning and unit.strip(" []()").replace(" ", "") in _PER_SECOND,
+            *(f"is in {unit}, turns or radians", "rev/s", "rad/s"),
+        ),
+        (
+            is_turning and plain in ("m/s", "mm/s"),
+            *(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}"),
+        ),
+    )
+    if answer := next((answer for holds, *answer in unclear if holds), None):
+        return tuple(answer)
+    if by is None and plain not in NO_UNIT:
+        allowed = CONVERSIONS.get(ours, {})
+        near = difflib.get_close_matches(plain, allowed, 1, 0.8)
+        what = f"is in {unit}, must be one of {', '.join(allowed)}"
+        return what, *near, "{factor: ..., offset: 0}"
+    return None if unitless else by
 
 
 def refuse_missing(
@@ -365,19 +376,21 @@ def refuse_missing(
     """Report the required columns that are missing, sensors first; some are stated `elsewhere`."""
     table, names = needs.table, needs.names
     has = {*found, *elsewhere, table.label}  # runs without a label are told by their files
-    required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
-    missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
-    if not missing and (found or any(c.required for c in table.columns)):
+    required = [c.name for c in table.columns if c.required]
+    wanted = dict.fromkeys([*lacking(table, has), *required, *names])
+    missing = [role for role in wanted if role not in has and role in table.names]
+    if not missing and (found or required):
         return
     kind, is_whole_one = bench_of(channels, [Needs(schemas.table(kind)) for kind in KINDS])
     if is_whole_one and kind != needs.kind:
-        of = f"a recording of {schemas.table(kind).command}, data.{kind} in a config"
-        needs.problems.add(f"{place}: these are the columns of {of}")
+        needs.problems.add(
+            f"{place}: these are the columns of a recording of {schemas.table(kind).command}, "
+            f"data.{kind} in a config"
+        )
         return
-    used = {match.channel.name for match in found.values()}
-    free = [c.name for c in channels if c.name not in used]
-    near = {r: difflib.get_close_matches(names.get(r, r), free, n=1, cutoff=0.6) for r in missing}
-    close = {role: matches[0] for role, matches in near.items() if matches}
+    free = unused(channels, found)
+    near = ((r, difflib.get_close_matches(names.get(r, r), free, n=1)) for r in missing)
+    close = {role: matches[0] for role, matches in near if matches}
     role, how = next(iter([*close, *missing]), "mu"), ""
     if missing and not close and {*missing} <= {*schemas.NOMINAL}:
         how = (
@@ -395,14 +408,19 @@ def refuse_missing(
     )
 
 
+def unused(channels: Sequence[Channel], found: Mapping[str, Found]) -> list[str]:
+    """Return the names of the channels that are none of our columns."""
+    used = {match.channel.name for match in found.values()}
+    return [name for name in dict.fromkeys(c.name for c in channels) if name not in used]
+
+
 def bench_of(channels: Sequence[Channel], benches: Sequence[Needs]) -> tuple[str, bool]:
     """Return the kind of recording that channels are, "" if several fit alike; if it is whole."""
     ranks = {}
     for needs in benches:
         has = {*meant(channels, needs)}
-        whole = not lacking(needs.table, has)
-        if needs.kind == "rig":
-            whole = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
+        is_rig = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
+        whole = is_rig if needs.kind == "rig" else not lacking(needs.table, has)
         ranks[needs.kind] = whole, 0 if whole else len(has)
     best = max(ranks.values())
     kinds = [kind for kind, rank in ranks.items() if rank == best]
@@ -418,22 +436,23 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     if not torque or not (tight or slack or hub or weight):
         return {}
+    if hub:
+        return {"kind": "torque_hub"}
     named = [match.channel.key for match in has.get("weight_N", ())]
-    span = span_of(named[0]) if named and not hub else ""
-    kind = {"kind": "torque_hub" if hub else "torque"}
-    return kind | ({"holds": f"weight_{span}"} if span else {})
+    span = span_of(named[0]) if named else ""
+    return {"kind": "torque"} | ({"holds": f"weight_{span}"} if span else {})
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:
     """Return notes on the channels that were recognised, converted and left out."""
     notes = []
     for role, match in found.items():
+        channel = match.channel
         if match.how == "recognised":
-            by_name = " in rpm, by its name," if match.channel.is_in_rpm_by_name else ""
-            notes.append(f"read {match.channel.shown}{by_name} as {role}")
+            by_name = " in rpm, by its name," if channel.is_in_rpm_by_name else ""
+            notes.append(f"read {channel.shown}{by_name} as {role}")
         elif match.stated and match.by != Conversion(1.0):
-            unit = match.channel.unit or "the unit stated"
-            notes.append(f"{match.shown} converted from {unit} to {table.column(role).unit}")
-    used = {match.channel.name for match in found.values()}
-    left_out = [n for n in dict.fromkeys(c.name for c in channels) if n not in used]
-    return [*notes, *(["columns left out: " + ", ".join(left_out[:12])] if left_out else [])]
+            ways = f"from {channel.unit or 'the unit stated'} to {table.column(role).unit}"
+            notes.append(f"{match.shown} converted {ways}")
+    left_out = ", ".join(unused(channels, found)[:12])
+    return [*notes, *([f"columns left out: {left_out}"] if left_out else [])]

@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -18,8 +19,15 @@ from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.formats import TIME
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant, rig_of
-from beltid.bench.numbers import numbers_of, word_of
-from beltid.bench.raw import Raw, codes_of, frame_of, is_text, read_parquet
+from beltid.bench.raw import (
+    Raw,
+    codes_of,
+    frame_of,
+    is_text,
+    numbers_of,
+    read_parquet,
+    word_of,
+)
 from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
@@ -103,48 +111,46 @@ def of_bench(raws: Sequence[Raw], needs: Needs) -> Needs:
     """Return what a recording of the rig needs with the forces that it holds, or its plateaus."""
     if needs.table.kind != "rig":
         return needs
-    plateaus = replace(needs, table=schemas.table("points"))
     has = {**dict.fromkeys(needs.values, ()), **found_in(raws, needs)}
-    timed = any(is_timed(raw, "rig") for raw in raws) or "time_s" in has
-    if not timed and _are_plateaus(meant(channels_of(raws), plateaus)):
-        return plateaus
+    if "time_s" not in has and not any(is_timed(raw, "rig") for raw in raws):
+        # a row per plateau has a speed, an arc or mu, and a label of its own
+        plateaus = replace(needs, table=schemas.table("points"))
+        found = meant(channels_of(raws), plateaus)
+        labels = [match.channel.values for match in found.get("run", ())]
+        if (
+            {"pulley_speed_rad_s", "slip_speed_m_s"} & {*found} and {"arc_deg", "mu"} & {*found}
+        ) and all(2 * column.nunique() >= len(column) for column in labels):
+            return plateaus
     rig, (measures, weight_on) = rig_of(has), needs.measures
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
     kind, running = rig.get("kind", measures), "belt_speed_m_s" in has
     return replace(needs, table=schemas.rig_table(kind, weight_on, running=running), rig=rig)
 
 
-def _are_plateaus(found: Mapping[str, Sequence[Found]]) -> bool:
-    """Return whether a table has a row per plateau: a speed, an arc or mu, no label repeated."""
-    labels = (match.channel.values for match in found.get("run", ()))
-    repeated = any(2 * column.nunique() < len(column) for column in labels)
-    has_speed = bool({"pulley_speed_rad_s", "slip_speed_m_s"} & {*found})
-    return has_speed and bool({"arc_deg", "mu"} & {*found}) and not repeated
-
-
 def tables_in(source: Source, needs: Needs) -> list[Raw]:
     """Read the tables of one file as written, and report what is wrong with it."""
-    dialect, problems = needs.dialect, needs.problems
+    dialect, problems, place = needs.dialect, needs.problems, source.name
+    readers = READERS | {
+        "text": partial(cells.read_text, dialect=dialect, problems=problems),
+        "lvm": partial(formats.read_lvm, dialect=dialect),
+    }
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
-            if form == "text":
-                return list(cells.read_text(file, source.name, dialect, problems))
-            if form == "lvm":
-                return list(formats.read_lvm(file, source.name, dialect))
-            tables = list(READERS[form](file, source.name))
-            if not any(len(table.frame) for table in tables):
-                raise InputError(f"{source.name}: is empty: it holds no channel with samples")
+            tables = list(readers[form](file, place))
+            if form in READERS and not any(len(table.frame) for table in tables):
+                raise InputError(f"{place}: is empty: it holds no channel with samples")
             return tables
-    except InputError as error:
-        for line in error.problems:
-            problems.add(line)
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
-        what = f"damaged, not of this format, or not to be read here: {type(error).__name__}"
-        problems.add(f"{source.name}: {what}: {error}")
+        damaged = (
+            f"{place}: damaged, not of this format, or not to be read here: "
+            f"{type(error).__name__}: {error}",
+        )
+        for line in error.problems if isinstance(error, InputError) else damaged:
+            problems.add(line)
     return []
 
 
@@ -154,16 +160,15 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], needs: Needs) ->
         return []
     (runs, notes), parts = tables_of_runs(raws, needs), list[Part]()
     for tables in runs:
-        name = tables[0].name if len(runs) > 1 else ""
         names: tuple[str, ...] = (inside.name, inside.stem)
-        names = (f"{inside.name}/{name}", name, *names) if name else names
-        tables = [replace(raw, place=f"{place}, {name}" if name else place) for raw in tables]
+        if len(runs) > 1 and (name := tables[0].name):
+            names = (f"{inside.name}/{name}", name, *names)
+            tables = [replace(raw, place=f"{place}, {name}") for raw in tables]
         parts += filter(None, [read_part(tables, needs, names)])
     if parts:
         parts[0].notes.extend(notes)
-    else:  # the missing columns may be among those left out
-        for note in notes:
-            needs.problems.add(f"{place}: {note}")
+    for note in () if parts else notes:  # the missing columns may be among those left out
+        needs.problems.add(f"{place}: {note}")
     return parts
 
 
@@ -177,7 +182,7 @@ def recording_of(parts: Sequence[Part], path: Path, needs: Needs) -> Recording:
     rig = dict(needs.rig)
     if needs.table.kind == "points":
         rig = rig_of({name: () for name, values in columns.items() if not absent(values).all()})
-    if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
+    if np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float)).any():
         rig["running"] = "yes"
     return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
@@ -191,16 +196,13 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     artifact = read_artifact(path, "simulated" if kind == "rig" else None)
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
-    held = artifact.columns
-    columns = {name: held[name] for name in schemas.rig_table().names if name in held}
-    return Recording(kind, columns, path, is_artifact=True)
+    names = [name for name in schemas.rig_table().names if name in artifact.columns]
+    return Recording(kind, {name: artifact.columns[name] for name in names}, path, is_artifact=True)
 
 
 def as_frame(columns: dict[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
     """Move columns in our names and units to a DataFrame, marked as such, its notes in attrs."""
-    written = dict[
-        str, Any
-    ]()  # to which one can write: numbers, and labels as pandas makes of them
+    written: dict[str, Any] = {}  # to which one can write
     for name in [*columns]:
         values = columns.pop(name)
         codes, words = codes_of(values) if values.dtype == object else (values, values[:0])
@@ -220,14 +222,11 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
     """
     needs = Needs.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
-        # names and units are ours already
-        needs = Needs(needs.table, measures=needs.measures)
-        frame = frame.columns if isinstance(frame, Recording) else frame
-    raw = frame_of(frame, "frame")
+        needs = Needs(needs.table, measures=needs.measures)  # names and units are ours already
+    raw = frame_of(frame.columns if isinstance(frame, Recording) else frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in needs.names.items() if n not in raw.frame}
-    needs = replace(needs, pattern=None, run_table=None, names=names)
-    needs = of_bench([raw], needs)
+    needs = of_bench([raw], replace(needs, pattern=None, run_table=None, names=names))
     parts, table = parts_of(PurePath("frame"), "frame", [raw], needs), needs.table
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index
@@ -236,19 +235,17 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
-    raw, columns, problems = frame_of(frame, name).frame, {}, []
+    raw, columns, problems = frame_of(frame, name).frame, {}, Problems()
     for column in table.columns:
-        values = raw.get(column.name)
-        if values is None or column.dtype in ("list", "bool"):
+        if (values := raw.get(column.name)) is None or column.dtype in ("list", "bool"):
             continue
         if column.dtype == "string":
             columns[column.name] = np.array([word_of(v) for v in values], dtype=object)
-        elif pd.api.types.is_numeric_dtype(values):
-            columns[column.name] = values.to_numpy()
+        elif is_text(values):
+            problems.add(f"{name}: column {column.name} holds texts, must hold numbers")
         else:
-            problems.append(f"{name}: column {column.name} holds texts, must hold numbers")
-    if problems:
-        raise InputError(problems)
+            columns[column.name] = values.to_numpy()
+    problems.raise_if_any()
     return columns
 
 
@@ -283,8 +280,7 @@ def inspect_recording(
     sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
     names = tuple(source.inside.name for source in sources)
     first = next(iter(benches.values()))
-    tables = tables_in(sources[0], first)
-    if not tables:
+    if not (tables := tables_in(sources[0], first)):
         first.problems.raise_if_any()
     channels = [channel for table in tables for channel in channels_of([table])]
     if not kind:
@@ -297,27 +293,34 @@ def inspect_recording(
             f"{path}: the channels do not tell which bench this is (found: {held}); state it "
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
-        unread = (text for _, text in first.problems.found)
-        return replace(seen, problems=(problem, *unread))
+        return replace(seen, problems=(problem, *(text for _, text in first.problems.found)))
     needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
-    seen = replace(seen, pattern=_pattern(names, needs, {*has}, len(tables)))
-    if seen.pattern and guess:
-        stated = {kind: {**config.runs[kind], "pattern": seen.pattern}}
-        config = config.model_copy(update={"runs": config.runs | stated})
+    pattern = _pattern(names, needs, {*has}, len(tables))
+    if pattern and guess:
+        runs = config.runs | {kind: {**config.runs[kind], "pattern": pattern}}
+        config = config.model_copy(update={"runs": runs})
     try:
         recording = read_recording(path, kind, config)
     except InputError as error:
         every = [mapped(channels_of([table]), needs, "") for table in tables]
         found = {role: match for of in reversed(every) for role, match in of.items()}
-        return replace(seen, found=found, problems=error.problems)
+        return replace(seen, pattern=pattern, found=found, problems=error.problems)
     rig, found, problems = recording.rig, recording.found, tuple[str, ...]()
     spans = {"tension_tight_N", "tension_slack_N"} & {*found}
     if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
-        ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
-        problems = (f"{path}: a weight beside a torque: {ask}",)
-    seen = replace(seen, rig={name: word for name, word in rig.items() if name == "holds"})
-    runs, notes = runs_found(recording), recording.notes
-    return replace(seen, found=found, runs=runs, notes=notes, problems=problems)
+        problems = (
+            f"{path}: a weight beside a torque: state the span that carries it, rig: {{holds: "
+            "weight_tight}} or weight_slack",
+        )
+    return replace(
+        seen,
+        found=found,
+        runs=runs_found(recording),
+        notes=recording.notes,
+        problems=problems,
+        rig={name: word for name, word in rig.items() if name == "holds"},
+        pattern=pattern,
+    )
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
@@ -337,16 +340,15 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
         pattern += own
     if not any(role in pattern for role in units):
         return ""
-    values = name_pattern(pattern + ending).values
-    return pattern + ending if all(map(values, names)) else ""
+    return pattern + ending if all(map(name_pattern(pattern + ending).values, names)) else ""
 
 
 def ranges(channel: Channel) -> dict[str, float]:
     """Return count, rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
-    if is_text(values):
-        values = values[:0] if channel.written else values  # times are no numbers
-        values = pd.Series(numbers_of(values, raw.signs, "", raw.at, Problems()))
+    if is_text(values):  # times are no numbers
+        texts = values[:0] if channel.written else values
+        values = pd.Series(numbers_of(texts, raw.signs, "", raw.at, Problems()))
     finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
     return {
         "samples": len(finite) or int(channel.values.count()),
@@ -380,7 +382,11 @@ def runs_found(recording: Recording) -> list[dict[str, Any]]:
             row["force_N"] = float(run["force_N"].abs().max())
         time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
         step = _step(time)
-        gaps = time[:-1][np.diff(time) > GAP * step][:5].tolist()
-        row |= {"duration_s": float(time[-1] - time[0]), "samples": len(run)}
-        rows.append(row | {"rate_Hz": 1.0 / step if step > 0 else None, "gaps_at_s": gaps or None})
+        row |= {
+            "duration_s": float(time[-1] - time[0]),
+            "samples": len(run),
+            "rate_Hz": 1.0 / step if step > 0 else None,
+            "gaps_at_s": time[:-1][np.diff(time) > GAP * step][:5].tolist() or None,
+        }
+        rows.append(row)
     return rows

@@ -55,8 +55,7 @@ def is_timed(raw: Raw, kind: str) -> bool:
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     """Split a table into recordings side by side in it; a name that occurs once belongs to all."""
-    repeated: dict[str, list[str]] = {}
-    written = [str(name) for name in raw.frame]
+    repeated, written = dict[str, list[str]](), [str(name) for name in raw.frame]
     for name in filter(POSITION.search, written):
         repeated.setdefault(POSITION.sub("", name), []).append(name)
     counts, parts = {*map(len, repeated.values())}, []
@@ -66,14 +65,18 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     for count, own in enumerate(zip(*repeated.values(), strict=True), start=1):
         frame = raw.frame[[*shared, *own]].dropna(how="all")
         bare = {name: POSITION.sub("", name) for name in (*shared, *own)}
-        units = {bare[n]: u for n, u in raw.units.items() if n in bare}
-        lines = [raw.lines[row] for row in frame.index] if len(raw.lines) else ()
-        frame = frame.rename(columns=bare).reset_index(drop=True)
-        name = f"{raw.name or PurePath(raw.place).stem}-{count}"
-        parts.append(replace(raw, frame=frame, units=units, lines=lines, name=name))
+        part = replace(
+            raw,
+            frame=frame.rename(columns=bare).reset_index(drop=True),
+            units={bare[n]: u for n, u in raw.units.items() if n in bare},
+            lines=[raw.lines[row] for row in frame.index] if len(raw.lines) else (),
+            name=f"{raw.name or PurePath(raw.place).stem}-{count}",
+        )
+        parts.append(part)
     once = [c for c in channels_of([raw]) if c.name == c.base]
-    are_whole = all(is_whole(channels_of([part]), needs) for part in parts)
-    return parts if are_whole and not is_whole(once, needs) else [raw]
+    if is_whole(once, needs) or not all(is_whole(channels_of([part]), needs) for part in parts):
+        return [raw]
+    return parts
 
 
 def joined(
@@ -81,8 +84,7 @@ def joined(
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Return the columns of all runs, the place of a sample, notes, the columns of stated units."""
     table, problems, timed = needs.table, needs.problems, "time_s" in needs.table.names
-    notes: dict[str, list[str]] = {}
-    owners: dict[str, str] = {}
+    notes, owners = dict[str, list[str]](), dict[str, str]()
     counts = Counter(part.names[1] for part in parts)
     for part in parts:
         place, known = part.raw.place, part.columns.get(table.label, np.full(len(part), None))
@@ -101,18 +103,19 @@ def joined(
             notes.setdefault(note, []).append(place)
     problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
-    starts = np.cumsum([0, *map(len, parts)])
+    lengths = [*map(len, parts)]
+    ends = np.cumsum(lengths)
 
     def place_of(sample: int) -> tuple[str, int]:
         """Return the place of a sample in its part."""
-        k = int(np.searchsorted(starts, sample, side="right")) - 1
-        where, line = parts[k].at(sample - int(starts[k]))
+        k = int(np.searchsorted(ends, sample, side="right"))
+        where, line = parts[k].at(sample - int(ends[k]) + lengths[k])
         return where, line if len(parts) == 1 else sample + 1
 
     shown = []
-    for note, places in notes.items():
-        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
-        shown.append(note if len(places) == len(parts) else f"{places[0]}{more}: {note}")
+    for note, (first, *others) in notes.items():
+        more = f" and {len(others)} more" if others else ""
+        shown.append(note if len(others) + 1 == len(parts) else f"{first}{more}: {note}")
     stated_units = [{r for r, f in part.found.items() if f.stated} for part in parts]
     present, columns = {name for part in parts for name in part.columns}, dict[str, np.ndarray]()
     for column in table.columns:
@@ -120,7 +123,7 @@ def joined(
             missing, name = np.array([None if column.dtype == "string" else np.nan]), column.name
             pieces = [
                 part.columns.pop(name) if name in part.columns else missing.repeat(n)
-                for part, n in zip(parts, np.diff(starts), strict=True)
+                for part, n in zip(parts, lengths, strict=True)
             ]
             columns[name] = pieces[0] if len(parts) == 1 else np.concatenate(pieces)
     return columns, place_of, shown, set.intersection(*stated_units)
@@ -129,29 +132,32 @@ def joined(
 def _labels(part: Part, label: str, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
-    bounds = [0, *_starts(columns, time), len(time)]
+    bounds = [*_starts(columns, time), len(time)]
     names = [f"{label}-{k}" for k in range(1, len(bounds))] if len(bounds) > 2 else [label]
     speed = columns.get("pulley_speed_rad_s", time[:0])
     for name, (first, end) in zip(names, itertools.pairwise(bounds), strict=True):
         if _rotations(speed[first:end][np.isfinite(speed[first:end])]) > 1:
-            stops = f"in run {name} the pulley turns several times with stops between"
-            problems.add(f"{part.raw.place}: {stops}: add a column of labels")
+            problems.add(
+                f"{part.raw.place}: in run {name} the pulley turns several times with stops "
+                "between: add a column of labels"
+            )
     if len(names) > 1:
-        how = "separated by changes of the settings and by restarts of the time"
-        part.notes.append(f"no column labels the runs: {len(names)} {how}")
+        part.notes.append(
+            f"no column labels the runs: {len(names)} separated by changes of the settings and by "
+            "restarts of the time"
+        )
     return np.array(names, dtype=object).repeat(np.diff(bounds))
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
-    """Return the samples with which a new run begins."""
-    changed, begin, starts = np.zeros(len(time), dtype=bool), 0, []
+    changed, starts = np.zeros(len(time), dtype=bool), [0]
     for values in (columns[name] for name in NOMINAL if name in columns):
         changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
     for i in np.flatnonzero(changed | (np.diff(time, prepend=time[:1]) < 0)):
+        begin = time[starts[-1]]
         # other decreases of time are reported by the checks
-        if changed[i] or time[i] <= time[begin] + RESTART * (time[i - 1] - time[begin]):
+        if changed[i] or time[i] <= begin + RESTART * (time[i - 1] - begin):
             starts.append(int(i))
-            begin = int(i)
     return starts
 
 
@@ -162,8 +168,8 @@ def _rotations(speed: np.ndarray) -> int:
     noise = float(np.median(np.abs(np.diff(speed)))) * 1.05
     turning = np.abs(speed) > max(0.02 * float(np.quantile(np.abs(speed), 0.99)), 6.0 * noise)
     phases = np.split(turning, np.flatnonzero(np.diff(turning)) + 1)
-    states = [bool(phase[0]) for phase in phases if phase.size >= PHASE]
-    return [state for state, _ in itertools.groupby(states)].count(True)
+    states = itertools.groupby(bool(phase[0]) for phase in phases if phase.size >= PHASE)
+    return [state for state, _ in states].count(True)
 
 
 # --- checks ---------------------------------------------------------------------------------------
@@ -192,16 +198,14 @@ class Checker:
             if self.timed and column.name in (*NOMINAL, *RUN_TEXTS):
                 self._setting(column.name)
         notes: list[str] = []
-        for column in present:
-            if column.dtype == "float64":
-                is_doubted = column.name not in units_stated and self._doubts_unit(column)
-                notes += [] if is_doubted else self._numbers(column)
+        for column in (column for column in present if column.dtype == "float64"):
+            if column.name in units_stated or not self._doubts_unit(column):
+                notes += self._numbers(column)
         if self.timed:
             self._time()
         return notes
 
     def _report(self, wrong: np.ndarray, text: Callable[[int], str]) -> None:
-        """Report the samples of a mask."""
         self.problems.add_alike(np.flatnonzero(wrong), text, self.place)
 
     def _doubts_unit(self, column: Column) -> bool:
@@ -222,8 +226,7 @@ class Checker:
         for run in size.index[(size > 0.0) & (OTHER_RUN * size < size.max())]:
             rows = np.flatnonzero(self.codes == run)
             guess = other_unit(column, kind, values[rows])
-            is_idle = "idle" in self.columns and "true" in self.columns["idle"][rows]
-            if guess and not is_idle:
+            if guess and not ("idle" in self.columns and "true" in self.columns["idle"][rows]):
                 where = f"{place}, {self.table.label} {self.label[rows[0]]}"
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)
@@ -258,8 +261,7 @@ class Checker:
             ),
             self.place,
         )
-        missing = absent(values) & (self.codes >= 0)
-        if missing.any():
+        if (missing := absent(values) & (self.codes >= 0)).any():
             self.columns[name] = np.where(missing, first[self.codes], values)
 
     def _numbers(self, column: Column) -> list[str]:
@@ -279,8 +281,8 @@ class Checker:
                 np.isinf(values) | outside(values, column),
                 lambda i: f"{column.name} = {values[i]:g}, must be {column.allowed}",
             )
+        empty = f"{column.name} is empty, must be {column.allowed}"
         if not column.nullable:
-            empty = f"{column.name} is empty, must be {column.allowed}"
             self._report(missing & (self.codes >= 0), lambda i: empty)
         elif missing.all() and column.required:
             self.problems.add(f"{self.name}: {column.name} holds no numbers")

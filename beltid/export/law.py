@@ -267,8 +267,10 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     except (ValueError, RecursionError) as error:
         raise ArtifactError(f"{name}: not a contact law: not valid JSON ({error})") from None
     if not isinstance(values, dict) or values.get("format") != FORMAT:
-        needed = f'the key "format" must be "{FORMAT}"; `beltid export json` writes one'
-        raise ArtifactError(f"{name}: not a contact law: {needed}")
+        raise ArtifactError(
+            f'{name}: not a contact law: the key "format" must be "{FORMAT}"; `beltid export json` '
+            "writes one"
+        )
     seal = values.pop(SEAL, None)
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
@@ -321,6 +323,5 @@ def _seal(values: dict[str, Any]) -> str:
 def _indented(values: dict[str, Any]) -> str:
     """Format JSON with one key per line, and one line per list of plain values."""
     text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
-    # raw line breaks stand between values only
-    innermost = re.compile(r"\[\n *([^\[\]{}]*?)\n *\]")
-    return innermost.sub(lambda found: "[" + re.sub(r"\n *", " ", found[1]) + "]", text)
+    innermost = r"\[\n *([^\[\]{}]*?)\n *\]"  # raw line breaks stand between values only
+    return re.sub(innermost, lambda found: "[" + re.sub(r"\n *", " ", found[1]) + "]", text)

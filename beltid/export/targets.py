@@ -20,7 +20,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from beltid.errors import InputError, percent
+from beltid.errors import Problems, percent
 from beltid.export.law import ContactLaw, law_text
 from beltid.laws.bicubic import log_nodes
 from beltid.laws.friction_surface import FrictionSurface
@@ -98,7 +98,7 @@ def reference_point(
     InputError
         If a value is not positive or lies outside the range of mu.
     """
-    problems, chosen = [], []
+    problems, chosen = Problems(), []
     for option, unit, value, nodes in (
         ("--normal-force", "N/m", normal_force_N_m, law.surface.normal_force_N_m),
         ("--speed", "m/s", slip_speed_m_s, law.surface.slip_speed_m_s),
@@ -106,12 +106,11 @@ def reference_point(
         # a single node 0 means that mu does not depend on this variable: any value is valid
         low, high = (0.0, math.inf) if nodes[-1] == 0.0 else (float(nodes[0]), float(nodes[-1]))
         if value is not None and not (low <= value <= high and 0.0 < value < math.inf):
-            problems.append(
+            problems.add(
                 f"{option} = {value:g}, must be in the range of mu, {low:.6g} to {high:.6g} {unit}"
             )
         chosen.append(float(np.median(_even(nodes, 3))) if value is None else value)
-    if problems:
-        raise InputError(problems)
+    problems.raise_if_any()
     return ReferencePoint(*chosen)
 
 
@@ -227,8 +226,7 @@ def export(law: ContactLaw, target: str, point: ReferencePoint) -> Export:
 def _values(law: ContactLaw, target: str, point: ReferencePoint) -> dict[str, Any]:
     """Return what a template can use: the law, its tables in SI units, what is stated about it."""
     f, v, mu, deviation = friction_table(law.surface)
-    delta = penetration_nodes(law)
-    reductions = {TABLE: deviation, **deviations(law, point)}
+    delta, reductions = penetration_nodes(law), {TABLE: deviation, **deviations(law, point)}
     return {
         "name": "belt_" + re.sub(r"[^a-z0-9]", "_", law.belt.name.lower()),
         "law": law,
@@ -259,9 +257,8 @@ def _uncertainty(law: ContactLaw) -> str:
     part, mu = law.friction, np.array(law.friction.mu)
     if part.mu_u is not None:
         relative, label = np.array(part.mu_u) / mu, "Standard uncertainty of mu (k = 1)"
-        sources = [row for row in part.budget if row.source != "combined"]
-        largest = max(sources, key=lambda row: row.contribution_percent, default=None)
-        note = "" if largest is None else f" Largest contribution: {largest.source}."
+        sources = {r.source: r.contribution_percent for r in part.budget if r.source != "combined"}
+        note = f" Largest contribution: {max(sources, key=sources.__getitem__)}." if sources else ""
     elif part.mu_se is not None and any(cell is not None for row in part.mu_se for cell in row):
         relative, label = np.array(part.mu_se, dtype=float) / mu, "Standard error of mu"
         note = " Scatter of the runs alone."
@@ -273,9 +270,8 @@ def _uncertainty(law: ContactLaw) -> str:
 
 def _comment(text: str, sign: str) -> str:
     """Turn paragraphs, one to a line, into lines of plain ASCII that begin with a sign."""
-    wrapper = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_long_words=False)
-    lines = (line for part in text.splitlines() for line in wrapper.wrap(_plain(part)))
-    return "".join(f"{sign}{line}\n" for line in lines)
+    wrap = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_long_words=False).wrap
+    return "".join(f"{sign}{line}\n" for part in text.splitlines() for line in wrap(_plain(part)))
 
 
 def _plain(text: str) -> str:

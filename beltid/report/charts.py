@@ -12,19 +12,21 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from functools import partial
+from typing import Any, Final, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.style import context
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from beltid.report.results import LABELS, BeltResults, Sheet
 from beltid.report.summary import axis, quantity
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
-HEIGHT: Final = 4.4
+HEIGHT, TALL = 4.4, 5.8  # of a figure; of one with two axes above each other, or of a drive
 NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -43,7 +45,8 @@ GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 ORDERED: Final = "cividis"
-TWO: Final = {"nrows": 2, "sharex": True}  # axes of a chart: one above the other; in space
+ONE: Final[Mapping[str, Any]] = {}  # axes of a chart; one above the other; in space
+TWO: Final = {"nrows": 2, "sharex": True}
 SPACE: Final = {"subplot_kw": {"projection": "3d"}}
 SETTINGS: Final[Any] = {
     "font.family": ["DejaVu Sans"],
@@ -70,8 +73,6 @@ SETTINGS: Final[Any] = {
 
 def styled(**other: Any) -> Any:
     """Return a context with this style, independent of the user's matplotlib settings."""
-    from matplotlib.style import context
-
     return context({**SETTINGS, **other}, after_reset=True)
 
 
@@ -86,8 +87,6 @@ def group(index: int, **other: Any) -> dict[str, Any]:
 
 def shades(count: int) -> list[np.ndarray]:
     """Return the colours of an ordered quantity with `count` values, dark for the lowest."""
-    import matplotlib as mpl
-
     return list(mpl.colormaps[ORDERED](0.74 * np.linspace(0.0, 1.0, count)))
 
 
@@ -111,25 +110,22 @@ class Chart(NamedTuple):
     title: str
     draw: Callable[..., str | tuple[str, str]]
     names: tuple[str, ...]
-    once: bool = False
-    panels: Mapping[str, Any] = {}
+    once: bool
+    panels: Mapping[str, Any]
 
     def pictures(self, results: Any) -> list[Picture]:
         """Draw the chart of every artifact that it is for."""
         if not self.names:
             return [self._picture("", results)]
         present = results.every(*self.names)[: 1 if self.once else None]
-        absent = f"there is no {self.names[0]}.parquet"
         return [self._picture(of.name, of, results) for of in present] or [
-            Picture(self.key, self._titled(self.names[0]), absent)
+            Picture(self.key, self._titled(self.names[0]), f"there is no {self.names[0]}.parquet")
         ]
 
     def _picture(self, name: str, *data: Any) -> Picture:
-        from matplotlib.figure import Figure
-
         key, title = self.key.format(name=name).rpartition(":")[2], self._titled(name)
         with styled():
-            fig = Figure(figsize=(WIDTH, HEIGHT))
+            fig = Figure(figsize=(WIDTH, TALL if self.panels is TWO else HEIGHT))
             try:
                 said = self.draw(fig.subplots(**self.panels), *data)
             except NotDrawn as why:
@@ -147,18 +143,26 @@ class Chart(NamedTuple):
 CHARTS: Final[dict[str, Chart]] = {}
 
 
-def chart(key: str, title: str, *names: str, **about: Any) -> Callable[..., Callable[..., Any]]:
+def chart(
+    key: str,
+    title: str,
+    *names: str,
+    once: bool = False,
+    panels: Mapping[str, Any] = ONE,
+    **options: Any,
+) -> Callable[..., Callable[..., Any]]:
     """Register a function as a chart, a picture for each of its artifacts that there is.
 
     It is called with axes, artifact and results of the belt (without `names`, with axes and the
     results of several belts), and returns its caption, or title and caption. {name} and {of} are
     name and label of the artifact; what follows a colon of the key is the id within the page.
 
-    about: `once`, whether it draws the first of its artifacts only; `panels`, what axes it gets.
+    once: whether it draws the first of its artifacts only; panels: what axes it gets; other
+    options are arguments of the function.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:
-        CHARTS[key] = Chart(key, title, draw, names, **about)
+        CHARTS[key] = Chart(key, title, partial(draw, **options), names, once, panels)
         return draw
 
     return register
@@ -214,8 +218,6 @@ def draw_groups(
 
 def logarithmic(axes: Axes, along: str) -> None:
     """Make an axis logarithmic with plain numbers, and say so, if its data span a wide range."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     low, high = getattr(axes.dataLim, f"interval{along}")
     if not 0.0 < WIDE * low <= high < np.inf:
         return
@@ -260,11 +262,13 @@ def inline_svg(fig: Figure, key: str) -> str:
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
     text = saved(fig, "svg", **{"svg.fonttype": "none"}).decode()
-    text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.S)
-    # round coordinates to an invisible hundredth of a point
-    coordinates = re.compile(r'\b(d|x|y|points)="[^"]*"')
-    text = coordinates.sub(lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", text)
+    for pattern, put in (
+        (r"<metadata>(?s:.*?)</metadata>\s*|<!--(?s:.*?)-->\s*", ""),
+        # round coordinates to an invisible hundredth of a point
+        (r'\b(?:d|x|y|points)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0])),
+        (r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-"),
+    ):
+        text = re.sub(pattern, put, text)
     head, rest = text[text.index("<svg") :].split(">", 1)
     (view,) = re.findall(r'viewBox="[^"]+"', head)
     return (

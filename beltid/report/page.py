@@ -96,8 +96,8 @@ def _rendered(made_from: str, title: str, belts: Sequence[BeltResults], **more: 
         "notes": _notes,
     }
     more |= {"title": title, "made_from": made_from, "version": __version__, "charts": CHARTS}
-    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    return environment.get_template("page.html.j2").render(more, belts=belts, css=css) + "\n"
+    more |= {"belts": belts, "css": Markup((TEMPLATES / "page.css").read_text("utf-8"))}
+    return environment.get_template("page.html.j2").render(more) + "\n"
 
 
 def _forces(values: Sequence[float] | np.ndarray) -> str:
@@ -110,8 +110,7 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     """Collect warnings and notes of artifacts once, warnings first; name what one surface says."""
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
-        warnings = [f"Warning: {line}" for line in sheet.record.warnings]
-        for line in (*warnings, *sheet.record.notes):
+        for line in (*[f"Warning: {line}" for line in sheet.record.warnings], *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
     notes = [
         f"{of[0].label}: {line}" if len(of) == 1 and of[0].name in LABELS else line
@@ -126,24 +125,28 @@ def tabulated(sheet: Sheet, name: str) -> Table | None:
         title = f"µ ± {sheet.mu_error[1]} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
     if name:
-        title = TITLES.get(name, "simulated less measured µ")
+        title = sentence(TITLES.get(name, "simulated less measured µ"))
         of = sheet.name if name == "budget" else sheet.label
-        return table(f"{sentence(title)}, {of}", chosen(sheet.rows(name), name))
+        return table(f"{title}, {of}", chosen(sheet.rows(name), name))
     shown = summary_of(sheet)
-    rows, names = (shown.overview, ()) if sheet.kind == "stiffness" else (shown.table, shown.shown)
-    return table(sentence(shown.title), rows, names)
+    rows = (shown.overview,) if sheet.kind == "stiffness" else (shown.table, shown.shown)
+    return table(sentence(shown.title), *rows)
 
 
 def set_aside(results: BeltResults) -> Table | None:
     """List everything that was set aside once, with the reason; no run that nobody measured."""
     rows: dict[str, dict[str, str]] = {}
-    for name, sheet in results.sheets.items():
-        for item in sheet.record.set_aside:
-            what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
-            if not what.startswith("run simulated "):
-                what = what.replace("run measured ", "run ", 1)
-                key = f"{name} {what}" if sheet.kind == "simulated" else what
-                rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
+    every = [
+        (name, sheet, item)
+        for name, sheet in results.sheets.items()
+        for item in sheet.record.set_aside
+    ]
+    for name, sheet, item in every:
+        what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
+        if not what.startswith("run simulated "):
+            what = what.replace("run measured ", "run ", 1)
+            key = f"{name} {what}" if sheet.kind == "simulated" else what
+            rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
     return table("Set aside", list(rows.values()))
 
 
@@ -174,27 +177,27 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
     if friction is None or curves is None:
         return
     highest = float(np.nanpercentile(curves["mu"], MOST_SHOWN))
-    of_curve = curves["run"].astype(str)
+    order = np.argsort(curves["time_s"], kind="stable")
+    of_curve = curves["run"].astype(str)[order]
     for row, run in enumerate(friction["run"].astype(str).tolist()):
-        rows = np.flatnonzero(of_curve == run)
-        rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
-        if not rows.size:
+        if not (rows := order[of_curve == run]).size:
             continue
         time = curves["time_s"][rows] - curves["time_s"][rows[0]]
-        arc, tension, speed, mu, status = (
-            friction[name][row]
-            for name in ["arc_deg", "nominal_tension_N", "slip_speed_m_s", "mu_sliding", "status"]
-        )
-        settings = ((arc, "°"), (tension, " N"), (1e3 * speed, " mm/s"), (time[-1], " s"))
-        known = ", ".join(f"{value:.3g}{unit}" for value, unit in settings if np.isfinite(value))
+        settings = {
+            "°": friction["arc_deg"][row],
+            " N": friction["nominal_tension_N"][row],
+            " mm/s": 1e3 * friction["slip_speed_m_s"][row],
+            " s": time[-1],
+        }
+        known = [f"{value:.3g}{unit}" for unit, value in settings.items() if np.isfinite(value)]
         x = WIDTH * time / max(time[-1], 1e-9)
         y = np.clip(HEIGHT * (1.0 - curves["mu"][rows] / highest), 0.0, HEIGHT)
-        there = np.isfinite(y)
+        there, status = np.isfinite(y), friction["status"][row]
         pens = np.where(there & np.r_[False, there[:-1]], "L", "M")  # gaps where it is missing
         points = zip(pens[there], x[there], y[there], strict=True)
         yield {
-            "title": f"{run}: {known}",
+            "title": f"{run}: {', '.join(known)}",
             "why": "" if status == "ok" else status,
             "path": "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points),
-            "level": HEIGHT * (1.0 - mu / highest),
+            "level": HEIGHT * (1.0 - friction["mu_sliding"][row] / highest),
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from beltid.identify.estimators import snap_to_settings
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import cell, sentence
 from beltid.store.artifact import Artifact, combined_origin
-
-if TYPE_CHECKING:
-    from beltid.laws.friction_surface import FrictionSurface
 
 HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out and predicted
 SURFACES: Final = ("surface_refined", "surface")
@@ -47,9 +44,7 @@ class Sheet(Artifact):
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
-        if column in self.columns:
-            return self.columns[column]
-        return np.full(len(next(iter(self.columns.values()))), np.nan)
+        return self.columns.get(column, np.full(len(next(iter(self.columns.values()))), np.nan))
 
     def rows(self, name: str) -> list[dict[str, Any]]:
         """Return a further table; empty if there is none."""
@@ -58,9 +53,8 @@ class Sheet(Artifact):
     @property
     def label(self) -> str:
         """What a surface or a comparison is, in words."""
-        left_out = LEFT_OUT.get(self.facts.get("hold_out", ""), "runs")
-        predicted = f"{left_out} left out and predicted"
-        return f"{LABELS[self.name]} surface" if self.name in LABELS else predicted
+        what = LABELS.get(self.name) or LEFT_OUT.get(self.facts.get("hold_out", ""), "runs")
+        return f"{what} {'surface' if self.name in LABELS else 'left out and predicted'}"
 
     @property
     def rig(self) -> Mapping[str, Any]:
@@ -75,13 +69,12 @@ class Sheet(Artifact):
     @property
     def mu_error(self) -> tuple[str, str]:
         """Column with the error of a surface, combined if it is known, and its name."""
-        if "mu_u" in self.columns:
-            return "mu_u", "combined standard uncertainty"
-        return "mu_se", "standard error"
+        combined = "mu_u", "combined standard uncertainty"
+        return combined if "mu_u" in self.columns else ("mu_se", "standard error")
 
     @property
-    def surface(self) -> FrictionSurface:
-        """Averaged surface with its errors."""
+    def surface(self) -> Any:
+        """Averaged `FrictionSurface` with its errors."""
         from beltid.identify.surface.surface import surface_from_columns  # slow to import
 
         return surface_from_columns({**self.columns, "mu_se": self.columns[self.mu_error[0]]})
@@ -202,10 +195,9 @@ def is_setting(values: np.ndarray) -> bool:
 
 def class_name(values: np.ndarray, unit: str = "") -> str:
     """Name the setting of some runs, or the range of their class."""
-    if not is_setting(values):
-        return f"{values.min():.3g} to {values.max():.3g}{unit}"
-    digits = 4 if np.ptp(values) == 0.0 else 3  # exact settings, and scattered ones
-    return f"{np.median(values):.{digits}g}{unit}"
+    if is_setting(values):  # exact, or scattered
+        return f"{np.median(values):.{4 if np.ptp(values) == 0.0 else 3}g}{unit}"
+    return f"{values.min():.3g} to {values.max():.3g}{unit}"
 
 
 def load_name(friction: Sheet) -> str:
@@ -224,9 +216,8 @@ class Verdict(NamedTuple):
 def verdict_of(results: BeltResults) -> Verdict:
     """Judge the results of a belt."""
     compared, predicted = results.every(*COMPARED), results.prediction
-    decisive, said = compared[:1], list[str]()
+    decisive, said = [*compared[:1], *([predicted] if predicted else [])], list[str]()
     if predicted:
-        decisive.append(predicted)
         left_out, over_u = LEFT_OUT[predicted.facts["hold_out"]], predicted.over_uncertainty
         ratio = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
         said.append(
@@ -238,8 +229,8 @@ def verdict_of(results: BeltResults) -> Verdict:
         said.append(f"the simulated rig misses the measured friction with {', with '.join(misses)}")
     start, state = "Identified and proven", "good"
     if not decisive:
-        said, start = ["the simulated rig was not compared with the bench"], "Not proven"
-        state = "open"
+        said = ["the simulated rig was not compared with the bench"]
+        start, state = "Not proven", "open"
     elif not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
     elif missing := "; ".join(_missing_evidence(results)):
@@ -277,18 +268,16 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
             (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
             ("sliding speed", "slip_speed_m_s", 3),
         ):
-            n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
-            if n < enough:
+            if (n := _distinct(np.abs(friction[column][friction["status"] == "ok"]))) < enough:
                 yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
 
 
 def _distinct(values: np.ndarray) -> int:
     """Count the values that differ by more than `DISTINCT`, in a grid or a random design."""
-    count, last = 0, -1.0
+    found = [-1.0]
     for value in np.sort(values[np.isfinite(values)]).tolist():
-        if value > (1.0 + DISTINCT) * last:
-            count, last = count + 1, value
-    return count
+        found += [value] if value > (1.0 + DISTINCT) * found[-1] else []
+    return len(found) - 1
 
 
 def main_results(results: BeltResults) -> dict[str, Any]:
@@ -349,5 +338,5 @@ def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
     """List the settings of some runs, joined to so many classes."""
     names = [class_name(values[rows]) for rows in settings_of(values, most)]
     if len(names) > MOST_LISTED:
-        return f"{len(names)} from {names[0]} to {names[-1]}{unit}"
+        names = [f"{len(names)} from {names[0]} to {names[-1]}"]
     return ", ".join(names) + unit if names else ""

@@ -6,16 +6,13 @@ Names and values of results become words, units and sensible digits in one place
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from beltid.errors import printable
-
-if TYPE_CHECKING:
-    import numpy as np
-    from rich.console import Console, RenderableType
 
 GAP: Final = 3  # between two columns
 LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
@@ -66,19 +63,16 @@ def axis(name: str) -> str:
 
 def cell(name: str, value: Any) -> str:
     """Format a value with the digits suited to its quantity; ``-`` if missing."""
-    if hasattr(value, "item"):
-        value = value.item()
+    value = value.item() if hasattr(value, "item") else value
     if value is None or value != value:
         return MISSING
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, float):
-        return _number(name, value)
     if isinstance(value, (list, tuple)):
         cells = [cell(name, item) for item in value]
         is_range = len(cells) == 2 and any(word in name for word in RANGES)
         return between(*cells) if is_range else ", ".join(cells)
-    return str(value)
+    return _number(name, value) if isinstance(value, float) else str(value)
 
 
 def fact(name: str, value: Any) -> tuple[str, str]:
@@ -100,10 +94,8 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = 
     """Build a table from named columns of rows, by default of all; None without rows."""
     chosen = names or list(dict.fromkeys(name for row in rows for name in row))
     cells = [[cell(name, row.get(name)) for name in chosen] for row in rows]
-    ends = [
-        [text.lstrip("-")[:1] + text[-1:] for text in column] for column in zip(*cells, strict=True)
-    ]
-    numeric = [all(both.isdigit() or both == MISSING for both in column) for column in ends]
+    number = re.compile(rf"{MISSING}|-*\d(.*\d)?", re.DOTALL)
+    numeric = [all(map(number.fullmatch, column)) for column in zip(*cells, strict=True)]
     named = ((words, unit.replace(" ", "\u00a0")) for words, unit in map(name_and_unit, chosen))
     heads = [f"{words} [{unit}]" if unit else words for words, unit in named]  # units do not wrap
     return Table(title, heads, cells, numeric) if rows else None
@@ -130,8 +122,7 @@ def _number(name: str, value: float) -> str:
     if value == 0.0:
         return "0"
     if 1e-3 <= abs(value) < 1e6:
-        digits = max(0, 3 - math.floor(math.log10(abs(value))))
-        text = f"{value:.{digits}f}"
+        text = f"{value:.{max(0, 3 - math.floor(math.log10(abs(value))))}f}"
         return text.rstrip("0").rstrip(".") if "." in text else text
     return f"{value:.5g}"
 
@@ -179,7 +170,7 @@ class Summary:
         }
 
 
-def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> Rows:
+def rows_of(columns: Mapping[str, Any], *names: str) -> Rows:
     """Return rows of the named columns of a table as plain values; nan becomes None.
 
     A table may lack a column.
@@ -189,7 +180,7 @@ def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> Rows:
     return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
-def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
+def csv_bytes(columns: Mapping[str, Any], origin: str | None) -> bytes:
     """Return a whole table as CSV, with the origin of its data as a column.
 
     Columns with several numbers in a cell are left out; a text that a spreadsheet would take for a
@@ -204,8 +195,8 @@ def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
     return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
-def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
-    """Print a summary on a console, whose width decides between table and records.
+def show(summary: Summary, console: Any, *, complete: bool = False) -> None:
+    """Print a summary on a console of rich, whose width decides between table and records.
 
     `complete`: long tables instead of their overview, and all further tables.
     """
@@ -215,12 +206,13 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
             unwrapped = getattr(part, "no_wrap", None) is True
             console.print(part, markup=False, highlight=False, soft_wrap=unwrapped)
     # strip the blanks with which a table fills its last column: they disturb programs
-    lines = (line.rstrip() for line in capture.get().splitlines())
-    console.file.write("\n".join(lines).strip("\n") + "\n")
+    console.file.write("\n".join(map(str.rstrip, capture.get().splitlines())).strip("\n") + "\n")
 
 
-def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[RenderableType]:
+def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
     """Yield the parts of a summary in order: heading, facts, tables, verdict."""
+    from rich.table import Column
+    from rich.table import Table as Grid
     from rich.text import Text
 
     suffix = " (synthetic data)" if summary.origin == "synthetic" else ""
@@ -229,17 +221,20 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Rende
     for part in summary.parts:
         yield from _renderables(part, width, complete)
         yield Text("")
+    grid = Grid.grid(Column(overflow="fold"), Column(overflow="fold"), padding=(0, 2, 0, 2))
+    for name, value in summary.facts.items():
+        items = value if isinstance(value, (list, tuple)) else (value,)
+        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
+            grid.add_row(*(Text(printable(text)) for text in fact(name, value)))
     if summary.facts:
-        yield _facts(summary.facts)
+        yield grid
     names = summary.shown or tuple(summary.table[0] if summary.table else ())
-    whole = complete or not summary.overview
-    first = table("", summary.table, names) if whole else table("", summary.overview)
+    first = (summary.table, names) if complete or not summary.overview else (summary.overview,)
     details = [(t, rows) for t, rows in summary.details.items() if complete or t in summary.always]
-    for each in (first, *(table(title, rows) for title, rows in details)):
-        if each and each.title:
-            yield Text(each.title, style="bold")
-        if each:
-            yield _table_or_records(each, width)
+    for title, *what in (("", *first), *details):
+        if shown := table(title, *what):
+            yield from [Text(title, style="bold")] if title else []
+            yield _table_or_records(shown, width)
     if summary.snippet:
         yield Text(f"\n{summary.snippet}", no_wrap=True)
     if summary.verdict:
@@ -249,21 +244,7 @@ def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Rende
         yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
 
 
-def _facts(facts: dict[str, Any]) -> RenderableType:
-    from rich.table import Table as Grid
-    from rich.text import Text
-
-    grid = Grid.grid(padding=(0, 2, 0, 2))
-    grid.add_column(overflow="fold")
-    grid.add_column(overflow="fold")
-    for name, value in facts.items():
-        items = value if isinstance(value, (list, tuple)) else (value,)
-        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
-            grid.add_row(*(Text(printable(text)) for text in fact(name, value)))
-    return grid
-
-
-def _table_or_records(shown: Table, room: int) -> RenderableType:
+def _table_or_records(shown: Table, room: int) -> Any:
     """Render a table if it fits the console, otherwise each of its rows as a record."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table as Grid
@@ -277,14 +258,16 @@ def _table_or_records(shown: Table, room: int) -> RenderableType:
     # numbers stay whole, headings may wrap
     widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]
     if sum(widths) + GAP * len(widths) > room:
-        pairs = [zip(heads, row, strict=True) for row in shown.rows]
-        records = ["\n  ".join(printable(f"{h}: {text}") for h, text in row) for row in pairs]
-        return Text("\n".join(f"- {record}" for record in records))
+        rows = (map("{}: {}".format, heads, row) for row in shown.rows)
+        return Text("\n".join("- " + "\n  ".join(map(printable, row)) for row in rows))
     grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
     for head, width, is_number in zip(heads, widths, shown.numeric, strict=True):
-        justify: Any = "right" if is_number else "left"
-        width = max(width, len(head)) if whole else width
-        grid.add_column(Text(printable(head)), justify=justify, width=width, overflow="fold")
+        grid.add_column(
+            Text(printable(head)),
+            justify="right" if is_number else "left",
+            width=max(width, len(head)) if whole else width,
+            overflow="fold",
+        )
     for row in shown.rows:
         grid.add_row(*(Text(printable(text)) for text in row))
     return grid

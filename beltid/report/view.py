@@ -110,8 +110,7 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
     columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
     rows = rows_of(columns, *columns)
-    if RUNS in record.tables:
-        runs = record.tables[RUNS]
+    if runs := record.tables.get(RUNS):
         rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
     known = list(next(iter(rows), {}))
     names = [name for name in f"{view.by} {view.shown}".split() if name in known]
@@ -149,21 +148,21 @@ def chosen(rows: Rows, table: str) -> Rows:
 
 def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
+    by, shown = view.by.split(), view.shown.split()
     if "groups" in artifact.record.tables:
         return chosen(artifact.record.tables["groups"], "groups")
     if artifact.kind == "surface":
         return grid(Sheet.of(artifact), errors=False)
-    if artifact.kind == "stiffness":
-        short = [{name: row[name] for name in view.shown.split()} for row in rows]
-        pooled = {"temperature_degC": "pooled"}  # the law of all temperatures
-        return [{**row, **pooled} if row["temperature_degC"] is None else row for row in short]
-    return _grouped(rows, view.by.split(), view.shown.split()) if len(rows) > FEW else []
+    if artifact.kind == "stiffness":  # without a temperature, the law of all
+        every = {"temperature_degC": "pooled"}
+        rows = [row | every if row["temperature_degC"] is None else row for row in rows]
+        return [{name: row[name] for name in shown} for row in rows]
+    return _grouped(rows, by, shown) if len(rows) > FEW else []
 
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
     """Return a row per force of the averaged surface, with a column per speed."""
-    low, high = sheet.measured_force or (np.inf, -np.inf)
-    error = sheet[sheet.mu_error[0]]
+    (low, high), error = sheet.measured_force or (np.inf, -np.inf), sheet[sheet.mu_error[0]]
     rows: dict[float, dict[str, Any]] = {}
     for i in np.flatnonzero(np.isnan(sheet["arc_deg"])).tolist():
         force, speed = (float(sheet[n][i]) for n in ("normal_force_N_m", "slip_speed_m_s"))
