@@ -187,14 +187,14 @@ def message(detail: Mapping[str, Any], model: type[Section], node: Any = None) -
     return problem(detail, path, _found(detail["input"], node))
 
 
-def problem(detail: Mapping[str, Any], place: KeyPath, found: str) -> str:
+def problem(detail: Mapping[str, Any], place: KeyPath, found: str = "") -> str:
     """Describe a pydantic error: place, found, and what is allowed, ``must be last or first``."""
     if detail["type"] == "missing":
         return f"{format_path(place)} is missing"
     allowed = str(detail["msg"]).replace("Input should be", "must be")
     if detail["type"] == "literal_error":
         allowed = "must be " + str(detail["ctx"]["expected"]).replace("'", "")
-    return f"{format_path(place)} = {found}, {allowed}"
+    return f"{format_path(place)} = {found or repr(detail['input'])[:60]}, {allowed}"
 
 
 def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
