@@ -187,14 +187,14 @@ def message(detail: Mapping[str, Any], model: type[Section], node: Any = None) -
     return problem(detail, path, _found(detail["input"], node))
 
 
-def problem(detail: Mapping[str, Any], place: KeyPath, found: str) -> str:
+def problem(detail: Mapping[str, Any], place: KeyPath, found: str = "") -> str:
     """Describe a pydantic error: place, found, and what is allowed, ``must be last or first``."""
     if detail["type"] == "missing":
         return f"{format_path(place)} is missing"
     allowed = str(detail["msg"]).replace("Input should be", "must be")
     if detail["type"] == "literal_error":
         allowed = "must be " + str(detail["ctx"]["expected"]).replace("'", "")
-    return f"{format_path(place)} = {found}, {allowed}"
+    return f"{format_path(place)} = {found or repr(detail['input'])[:60]}, {allowed}"
 
 
 def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
@@ -300,8 +300,9 @@ def _parsed(text: str, name: str) -> Source:
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
         found = str(error.problem)
+        if found.startswith("found duplicate key"):
+            found = next(_twice(root, (), set()))
         plainly = {
-            "found duplicate key": f"{found.partition(' with value')[0]}, must be given once",
             "'\\t'": "a tab, indent with blanks",
             "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
             "text in quotes?)",
@@ -310,6 +311,19 @@ def _parsed(text: str, name: str) -> Source:
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
+
+
+def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
+    """Say of each key that a section has twice where it stood first; an alias is seen once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    lines: dict[str | int, int] = {}
+    for name, key, value in _items(node):
+        if name in lines:
+            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
+        lines.setdefault(name, key.start_mark.line + 1)
+        yield from _twice(value, (*path, name), seen)
 
 
 def _items(node: Any) -> list[tuple[str | int, Any, Any]]:

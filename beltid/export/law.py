@@ -293,10 +293,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 def validation_problems(error: ValidationError, name: str) -> list[str]:
     """List the validation errors of a law, one line per problem."""
     details = error.errors(include_url=False)[:SHOWN]
-    return [
-        f"{name}: {problem(detail, tuple(detail['loc']), repr(detail['input'])[:60])}"
-        for detail in details
-    ]
+    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
 
 
 def schema() -> dict[str, Any]:
