@@ -35,7 +35,6 @@ from beltid.stages.inputs import (
     set_aside_lines,
     span,
     standard_uncertainties,
-    that_hold,
 )
 from beltid.store.artifact import Artifact
 from beltid.tables.schemas import table
@@ -258,13 +257,14 @@ def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     return columns_from("friction", runs, notes=["; ".join(_said(run)) or None for run in runs])
 
 
-def _said(run: RunReduction) -> list[str]:
-    return [
-        *_drag_taken_off(run),
-        *that_hold((run.arc_deg >= TOUCH_DEG, TOUCHING)),
-        *run.notes,
-        *that_hold((run.mu_sticking_reason, f"no mu_sticking: {run.mu_sticking_reason}")),
-    ]
+def _said(run: RunReduction) -> Iterator[str]:
+    """Yield the notes of a run for the user."""
+    yield from _drag_taken_off(run)
+    if run.arc_deg >= TOUCH_DEG:
+        yield TOUCHING
+    yield from run.notes
+    if run.mu_sticking_reason:
+        yield f"no mu_sticking: {run.mu_sticking_reason}"
 
 
 def _drag_taken_off(run: RunReduction) -> Iterator[str]:
@@ -273,82 +273,51 @@ def _drag_taken_off(run: RunReduction) -> Iterator[str]:
         yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
 
 
-def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> list[str]:
-    """Return warnings about common mistakes on a rig of this kind, where the runs suggest them."""
+def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
+    """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
+    if not all(run.converged for run in good):
+        yield "the search for the noise of the bench did not end: the standard errors may be wrong"
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    is_constant = kind.measures == "torque_hub" and not kind.running and not held
-    ratios = [
-        (run.tension_tight_N + run.tension_slack_N) / (2.0 * run.initial_tension_N)
-        for run in good
-        if is_constant
-    ]
-    growth = float(np.median([ratio for ratio in ratios if np.isfinite(ratio)] or 1.0))
-    shares = [abs(run.held) for run in good if abs(run.held) > HELD]
-    touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
-    no_se = not any(np.isfinite(run.mu_sliding_se) for run in good)
-    return that_hold(
-        (
-            not all(run.converged for run in good),
-            "the search for the noise of the bench did not end: the standard errors may be wrong",
-        ),
-        (
-            kind.has_torque and derived and not any(run.drag_N_m for run in good),
-            "drag of the bearings raises mu: record a run without the belt, column idle: true",
-        ),
-        (
-            abs(growth - 1.0) > CONSTANT,
-            f"the hub force is {growth:.3g} times that at rest: if its load cell holds the slide "
-            "of the pulley, state rig.holds: stretch",
-        ),
-        (
-            shares,
-            f"at rest the spans differ by {percent(100 * float(np.median(shares or 0.0)))} of the "
-            f"initial tension ({counted(len(shares), 'run')} of {len(good)}): held friction, or "
-            "gains. Turn the pulley back and forth before the rest and state "
-            "friction.free_at_rest: true, add runs in the other direction, or state "
-            "uncertainty.cell_gain_rel",
-        ),
-        (touching, f"{TOUCHING} ({listed(touching)})"),
-        (
-            any(run.side == "back" for run in good),
-            "measured on the back of the belt: friction and stiffness do not hold for the ribs",
-        ),
-        (
-            good and no_se,
-            "no standard error is known: state mu_se in the table, or rig.force_resolution_N",
-        ),
-    )
+    if kind.has_torque and derived and not any(run.drag_N_m for run in good):
+        yield "drag of the bearings raises mu: record a run without the belt, column idle: true"
+    if kind.measures == "torque_hub" and not kind.running and not held:
+        sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
+        ratios = [sliding / rest for sliding, rest in sums if np.isfinite(sliding / rest)]
+        growth = float(np.median(ratios or 1.0))
+        if abs(growth - 1.0) > CONSTANT:
+            yield (
+                f"the hub force is {growth:.3g} times that at rest: if its load cell holds the "
+                "slide of the pulley, state rig.holds: stretch"
+            )
+    if shares := [abs(run.held) for run in good if abs(run.held) > HELD]:
+        yield (
+            f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
+            f"tension ({counted(len(shares), 'run')} of {len(good)}): held friction, or gains. "
+            "Turn the pulley back and forth before the rest and state friction.free_at_rest: true, "
+            "add runs in the other direction, or state uncertainty.cell_gain_rel"
+        )
+    if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
+        yield f"{TOUCHING} ({listed(touching)})"
+    if any(run.side == "back" for run in good):
+        yield "measured on the back of the belt: friction and stiffness do not hold for the ribs"
+    if good and not any(np.isfinite(run.mu_sliding_se) for run in good):
+        yield "no standard error is known: state mu_se in the table, or rig.force_resolution_N"
 
 
-def _notes(runs: Sequence[RunReduction]) -> list[str]:
-    """Return notes on events in several runs, with the number of runs."""
-    spikes, missing = [run.n_spikes for run in runs], [run.n_missing for run in runs]
-    swapped = [run.run for run in runs if run.swapped]
-    unresolved = sum(run.ok and bool(run.mu_sticking_reason) for run in runs)
-    faint = [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]
-    return [
-        *dict.fromkeys(line for run in runs for line in _drag_taken_off(run)),
-        *that_hold(
-            (
-                any(spikes),
-                f"{sum(spikes)} spikes left out, in {counted(sum(n > 0 for n in spikes), 'run')}",
-            ),
-            (
-                any(missing),
-                f"{sum(missing)} samples missing, in {counted(sum(n > 0 for n in missing), 'run')}",
-            ),
-            (swapped, f"tight and slack cell were swapped in {listed(swapped)}; corrected"),
-            (
-                unresolved,
-                f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it",
-            ),
-            (
-                faint,
-                f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}",
-            ),
-        ),
-    ]
+def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
+    """Yield notes on events in several runs, with the number of runs."""
+    yield from dict.fromkeys(line for run in runs for line in _drag_taken_off(run))
+    for text, name in (("spikes left out", "n_spikes"), ("samples missing", "n_missing")):
+        counts = [getattr(run, name) for run in runs]
+        if hit := sum(count > 0 for count in counts):
+            yield f"{sum(counts)} {text}, in {counted(hit, 'run')}"
+    if swapped := [run.run for run in runs if run.swapped]:
+        yield f"tight and slack cell were swapped in {listed(swapped)}; corrected"
+    if unresolved := sum(run.ok and bool(run.mu_sticking_reason) for run in runs):
+        yield f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it"
+    if faint := [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]:
+        yield f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}"
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:

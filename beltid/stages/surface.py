@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -40,7 +40,6 @@ from beltid.stages.inputs import (
     press_law,
     span,
     standard_uncertainties,
-    that_hold,
 )
 from beltid.stages.rig import guided_weight, refuse_running
 from beltid.stages.workers import Workers
@@ -396,64 +395,44 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def _disagreement(result: Refinement) -> list[str]:
-    """Return what no surface explains: effects, scatter, errors larger than stated, outliers."""
+def _disagreement(result: Refinement) -> Iterator[str]:
+    """Yield what no surface explains: effects, scatter, errors larger than stated, outliers."""
     found, scale = result.refined, result.refined.noise_scale
-    unusual = found.runs.unusual_effects(found.posterior).items()
-    return [
-        *(_change(effect) for effect in result.effects if effect.is_clear),
-        *that_hold(
-            (
-                scale > MOST_NOISE,
-                f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-                f"{MOST_NOISE:g} is usual: the uncertainty of the surface includes it",
-            )
-        ),
-        *(
-            f"{EFFECTS[key][0]}: larger than usual (standard deviation {percent(100 * usual)}); "
-            "the simulated rig may not fit"
-            for key, usual in unusual
-        ),
-        *(
-            f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
-            for name, size in contradictions(found).items()
-        ),
-        *(
-            f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
-            for k in np.flatnonzero(found.weight < 0.5)
-        ),
-    ]
+    for effect in result.effects:
+        if effect.is_clear:
+            what, meaning = EFFECTS[effect.key]
+            of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
+            size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
+            digits = max(0, 1 - math.floor(math.log10(u)))
+            change = f"{size:+.{digits}f} ± {u:.{digits}f} %"
+            yield f"friction changes by {change}{of} ({what}): {meaning}"
+    if scale > MOST_NOISE:
+        most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
+        yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
+    for key, usual in found.runs.unusual_effects(found.posterior).items():
+        shown = f"standard deviation {percent(100 * usual)}"
+        yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
+    for name, size in contradictions(found).items():
+        yield f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
+    for k in np.flatnonzero(found.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
 
 
-def _change(effect: ShownEffect) -> str:
-    what, meaning = EFFECTS[effect.key]
-    of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
-    size, u = 100.0 * effect.size, 100.0 * effect.uncertainty
-    digits = max(0, 1 - math.floor(math.log10(u)))
-    return f"friction changes by {size:+.{digits}f} ± {u:.{digits}f} %{of} ({what}): {meaning}"
+def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
+    """Yield notes on effects that the runs cannot tell from the surface, or from others."""
+    confounded = [effect for effect in effects if effect.is_confounded]
+    hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
+    if hidden:
+        yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"
+    if large := [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]:
+        yield f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"
 
 
-def _unclear(effects: tuple[ShownEffect, ...]) -> list[str]:
-    """Return notes on effects that the runs cannot tell from the surface, or from others."""
-    hidden = [
-        f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
-        for effect in effects
-        if effect.is_confounded
-    ]
-    large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
-    return that_hold(
-        (hidden, f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"),
-        (large, f"{', '.join(large)}: large, but others explain the runs nearly as well. {REMEDY}"),
-    )
-
-
-def _bending_stiffness(found: RefinedSurface) -> list[str]:
-    """Return a note with EI as stated and as the runs show it; none if it is stated as exact."""
+def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
+    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    return [
-        f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); with the "
-        f"runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
-        f"{100 * source.size * sd:.2g} %"
-        for source, error, sd in zip(found.stated, *found.stated_errors, strict=True)
-        if source.error == "bending_stiffness"
-    ]
+    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
+        if source.error == "bending_stiffness":
+            stated = f"{EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis})"
+            shown = f"{EI * (1 + source.size * error):.4g} N m² ± {100 * source.size * sd:.2g} %"
+            yield f"bending stiffness: {stated}; with the runs it would be {shown}"
