@@ -187,19 +187,22 @@ class BenchFit:
     scale: Array  # noise variance of each run over that of the bench, (R,)
     converged: bool  # whether the search for the sizes ended
 
-    def _exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
-        """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
+    def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return columns of z of run k: exponentials and slow decays, and its own effects."""
         u = travel[:, None] / (LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers))
-        columns = self.bench.level[k] * np.exp(-u)
-        return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
+        columns, slow = np.exp(-u), self.bench.records[k].slow_decays(travel)
+        own = np.column_stack([columns @ self.A, (u * columns) @ self.A, slow])
+        level = self.bench.level[k]
+        return level * np.column_stack([columns, slow]), level * own
 
     @cached_property
     def _own(self) -> tuple[Array, Array, Array]:
-        """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
+        """Own tails and decays: mean (R, 6), covariance, and that with the level."""
         p, bench = self.posterior, self.bench
         columns, slopes = bench.tail(self.powers)
         Z = np.stack([columns @ self.A, slopes @ self.A], axis=2)
-        S = np.diag([p.sizes["height"] ** 2, p.sizes["length"] ** 2])
+        Z = np.concatenate([Z, bench.decay], axis=2)
+        S = np.diag([p.sizes[name] ** 2 for name in ("height", "length", *["own decay"] * 4)])
         PZ = p.P @ Z
         mean = np.einsum("rij,ri->rj", PZ, p.residual) @ S
         covariance = S - S @ (Z.transpose(0, 2, 1) @ PZ) @ S
@@ -208,20 +211,22 @@ class BenchFit:
 
     def tail(self, k: int, travel: Array) -> Array:
         """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
-        own = self._exponentials(k, travel)[1]
-        return np.asarray(own[:, 0] + own @ self._own[0][k])
+        shared, own = self._decays(k, travel)
+        return np.asarray(shared[:, : self.A.size] @ self.A + own[:, :2] @ self._own[0][k, :2])
 
-    def at(self, k: int, travel: float) -> tuple[float, float]:
-        """Return z of the model of run k and its error at such a travel [m]."""
-        p, (columns, (h,)) = self.posterior, self._exponentials(k, np.array([travel]))
+    def course(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return z of run k with tail and slow decays at such travels [m], and its errors (n,)."""
+        p, places = self.posterior, self.posterior.model.places
+        shared, own = self._decays(k, travel)
         mean, covariance, lean = (part[k] for part in self._own)
-        variance = p.level_variance[k] - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        z = p.level[k] + shared @ np.append(self.A, p.of("decay")[0]) + own @ mean
+        variance = p.level_variance[k] - 2.0 * own @ lean + np.sum(own @ covariance * own, axis=1)
         # an error of what all runs share moves level and tail together
-        change = -p.level_shift[k]
-        change[p.model.places["tail"]] += columns[0]
-        common = float(change @ p.covariance @ change)
-        z = float(p.level[k] + h[0] + h @ mean)
-        return z, float(np.sqrt(max(variance, 0.0) + common))
+        change = np.tile(-p.level_shift[k], (travel.size, 1))
+        change[:, places["tail"]] += shared[:, : self.A.size]
+        change[:, places["decay"]] += shared[:, self.A.size :]
+        common = np.sum(change @ p.covariance * change, axis=1)
+        return z, np.sqrt(np.maximum(variance, 0.0) + common)
 
     @property
     def shared(self) -> Array:

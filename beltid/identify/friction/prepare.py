@@ -173,6 +173,7 @@ class SlidingRecord:
     waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
     take_up: Array  # decays of the possible rest of the build-up, (m, TAKE_UP.size)
     slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
+    built_m: float  # travel of the pulley's surface until nine tenths of the build-up
     turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
     temperature: Array  # nan if unknown
     rest: Rest  # rest phase before the rotation
@@ -193,6 +194,11 @@ class SlidingRecord:
     def sensitivity(self) -> float:
         """Change of z by independent errors of 1 N in both cells [1/N]."""
         return float(np.hypot(*self.zero_shifts))
+
+    def slow_decays(self, travel: Array) -> Array:
+        """Return the slow decays at travels since the end of the build-up [m], in the sliding."""
+        since = np.maximum(travel - self.travel[0], 0.0)
+        return np.exp(-since[:, None] / (self.built_m * SLOW_TAKE_UP))
 
     @property
     def speed_m_s(self) -> float:
@@ -215,7 +221,7 @@ def sliding_record(
     Means of the cells are off by `rounding_N` (2,); `weight` is the span with a dead weight.
     """
     # nine tenths of the build-up were reached at `built`: its end is a ninth further
-    built_m = R * float(phase.angle[phase.built])
+    built_m = max(R * float(phase.angle[phase.built]), 1e-9)
     before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
     since_end = R * phase.angle - built_m / 0.9
     # the record before the sliding, at a resolution that shows the sticking peak
@@ -239,7 +245,7 @@ def sliding_record(
     residual = ratio[:, 0] - ratio[:, 1]
     residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
     tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-    relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
+    relative_travel = (travel - travel[0])[:, None] / built_m
     section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
     sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
     scatters = [_about_line(t[of], residual[of]) for of in sections if of.size >= 8]
@@ -254,6 +260,7 @@ def sliding_record(
         waves=block_means(wave, starts),
         take_up=block_means(np.exp(-relative_travel / TAKE_UP), starts),
         slow_take_up=block_means(np.exp(-relative_travel / SLOW_TAKE_UP), starts),
+        built_m=built_m,
         turn=block_means(np.column_stack([np.cos(angle), np.sin(angle)]), starts),
         temperature=block_means(temperature, starts),
         rest=rest,

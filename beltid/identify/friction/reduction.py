@@ -3,7 +3,8 @@
 Each run is prepared alone (:mod:`prepare`), then all runs are reduced together
 (:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced is marked with
 the reason, never dropped. The sticking peak is not the largest sample, which is the noisiest one:
-the model of the sliding is extrapolated back to where the record joins it after the build-up.
+it is the largest value of the model of the sliding, with the rest of the build-up in it, from where
+the record joins the model onwards.
 
 Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). The
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
@@ -312,8 +313,8 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int,
     level = float(bench.posterior.level[k])
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
-    # extrapolate the tail back to the end of the build-up, not beyond
-    model = level + bench.tail(k, np.maximum(travel, 0.0))
+    # extrapolate back to the end of the build-up, not beyond
+    model, _ = bench.course(k, np.maximum(travel, 0.0))
     ripple = record.ripple_N / record.tensions_N[0]
     limit = JOINED * record.noise_N * record.sensitivity + ripple
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
@@ -321,9 +322,12 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int,
     if join > 0 and z[join - 1] > model[join - 1]:
         return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
-    run.peak_time_s = 0.5 * float(t[before] + t[join])
     last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
-    peak, error = bench.at(k, 0.5 * (last_off + first_on))
+    after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
+    largest = int(np.argmax(after))
+    peak, error = float(after[largest]), float(errors[largest])
+    times = np.append(0.5 * (t[before] + t[join]), 0.5 * (record.first_s + record.last_s))
+    run.peak_time_s = float(times[largest])
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(peak - float(np.nanmin(z)), limit)
     margin = float(travel[join] - travel[0]) * limit / rise
