@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.identify.estimators import mad_sigma, median
 from beltid.identify.friction.bench_model import BenchFit, cell_errors, fit_bench
-from beltid.identify.friction.channels import Rest, against_stated
-from beltid.identify.friction.prepare import SlidingRecord, prepare_run
+from beltid.identify.friction.prepare import Rest, SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
     CELLS,
     MAX_MU,
@@ -159,6 +159,9 @@ MAX_PEAK_ERROR = 0.02  # largest relative standard error of mu_sticking of a res
 JOINED = 3.0  # largest distance of a sample on the model, in standard deviations of the noise
 TAIL_NOTED = 1e-3  # tail left, and standard error, relative to mu, above which a note mentions them
 STANDS_OUT = 3.0  # smallest height of a peak above the plateau, in standard errors of the peak
+AGREE, LARGE = 0.7, 0.1
+"""Relative scatter of the levels of tension up to which they agree; share of the lowest stated
+tension, or of the factor 1, above which the readings contradict the stated tensions."""
 FEWEST_FOR_MISFIT = 5  # runs of a bench with which one can be rejected as unlike the others
 
 
@@ -186,6 +189,46 @@ def reduce_records(
     ):
         raise InputError(problem)
     return tuple(run for run, _ in prepared)
+
+
+def against_stated(measured_N: Array, stated_N: Array) -> str:
+    """Describe a mismatch of mean tensions at rest and stated initial tensions (n,) [N], or "".
+
+    Each level of tension has an offset and a factor, medians over its runs; the median level counts
+    if the levels agree on it, so that a few wrongly set ones do not matter. Fewer than four runs,
+    or a single tension, allow no check.
+    """
+    usable = np.isfinite(measured_N) & (stated_N > 0.0)
+    measured, stated = measured_N[usable], stated_N[usable]
+    levels = np.unique(stated)
+    if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
+        return ""
+    found = np.array([measured - stated, measured / stated - 1.0])
+    of_levels = [[median(x[stated == level]) for level in levels] for x in found]
+    offset_N, excess = (median(np.array(of)) for of in of_levels)
+    apart = [
+        mad_sigma(of) / max(abs(middle), 1e-300)
+        for of, middle in zip(of_levels, (offset_N, excess), strict=True)
+    ]
+    if apart[0] < apart[1]:
+        is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
+        remedy = (
+            "were the load cells tared? State their readings without load as "
+            "friction.tension_tight_tare_N and friction.tension_slack_tare_N"
+        )
+    else:
+        is_large, size = abs(excess) > LARGE, f"{1.0 + excess:.4g} times"
+        remedy = (
+            "is the unit of the cells right (units.rig), is the force of the whole hub stated? "
+            "State a known error of the cells as friction.tension_tight_gain and "
+            "friction.tension_slack_gain"
+        )
+    if not is_large or min(apart) > AGREE:
+        return ""
+    return (
+        f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
+        f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
+    )
 
 
 def _reduce_together(
@@ -218,7 +261,7 @@ def _reduce_together(
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
-            reject((not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]"))
+            reject(not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
             _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
             _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
             run.status = "ok"
@@ -285,26 +328,24 @@ def _check_fit(
     # errors of the cells do not count here: they do not depend on settling
     error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
     reject(
-        (
-            bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
-            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
-            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
-        ),
-        (
-            abs(run.drift) > MAX_DRIFT,
-            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
-            f"allowed is {100 * MAX_DRIFT:g} %",
-        ),
-        (
-            left > MAX_TAIL,
-            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
-            f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
-        ),
-        (
-            error > MAX_ERROR,
-            f"never settles: the standard error of its level is {100 * error:.2g} %, "
-            f"allowed is {100 * MAX_ERROR:g} %",
-        ),
+        bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
+        f"does not fit the bench: its record is off the common model by {misfit:.2g} "
+        f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
+    )
+    reject(
+        abs(run.drift) > MAX_DRIFT,
+        f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
+        f"allowed is {100 * MAX_DRIFT:g} %",
+    )
+    reject(
+        left > MAX_TAIL,
+        f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
+        f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
+    )
+    reject(
+        error > MAX_ERROR,
+        f"never settles: the standard error of its level is {100 * error:.2g} %, "
+        f"allowed is {100 * MAX_ERROR:g} %",
     )
 
 

@@ -235,11 +235,10 @@ class RunRejected(Exception):
     """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
 
 
-def reject(*reasons: tuple[bool | np.bool_, str]) -> None:
-    """Raise `RunRejected` with the first of several reasons that holds, if one does."""
-    for holds, reason in reasons:
-        if holds:
-            raise RunRejected(reason)
+def reject(holds: bool | np.bool_, reason: str) -> None:
+    """Raise `RunRejected` with the reason if it holds."""
+    if holds:
+        raise RunRejected(reason)
 
 
 @dataclass(slots=True, kw_only=True)
