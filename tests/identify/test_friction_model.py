@@ -105,11 +105,11 @@ def test_coarse_converters_round_the_level():
 
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
-    bench = Bench([record], log_settings([record])[0])
-    A = np.exp(bench.eta)
+    bench = Bench([record], log_settings([record])[0], np.zeros(3))
+    A = bench.A
     sizes = {"walk": 0.3, "turn": 2e-4, "height": 0.15, "length": 0.1, "own decay": 3e-3}
     short = {f"memory {tau:g} s": 0.1 for tau in MEMORIES_S[:-1]}
-    found = bench.model(np.zeros(3), A).at({**sizes, **short, "white": 1.0})
+    found = bench.model().at({**sizes, **short, "white": 1.0})
     c, rest = record.sensitivity, record.rest
     V = c**2 * np.diag(record.noise_N**2 / record.count)
     blocks = (record.first_s, record.last_s, record.count)
@@ -129,7 +129,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     V += own * [0.15**2, 0.1**2] @ own.T
     one = np.ones(record.z.size)
     precision = one @ np.linalg.solve(V, one)
-    residual = record.z - c * bench.model(np.zeros(3), A).X[0, 2:] @ found.mean
+    residual = record.z - c * bench.model().X[0, 2:] @ found.mean
     assert found.level[0] == pytest.approx(one @ np.linalg.solve(V, residual) / precision, rel=1e-9)
     assert found.level_variance[0] == pytest.approx(1.0 / precision, rel=1e-9)
 

@@ -25,7 +25,7 @@ why they are as they are: docs/theory.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -79,12 +79,16 @@ def log_settings(records: Sequence[SlidingRecord]) -> Array:
 
 
 class Bench:
-    """Records as arrays of the model, over the sensitivity c: newtons at a cell.
+    """Runs of a bench and what they share; z of run k after its tail is `posterior.level`.
 
-    A run has as many rows as the longest record, and two for the slopes at rest.
+    Arrays are those of the model, over the sensitivity c: newtons at a cell. A run has as many
+    rows as the longest record, and two for the slopes at rest. `powers` are those of the settings
+    in the length of the tail, `A` is its spectrum, `scale` the noise of each run over the bench's.
     """
 
-    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
+    posterior: Posterior
+
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array, powers: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
@@ -137,22 +141,25 @@ class Bench:
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
+        self.powers, self.A, self.scale = powers, np.exp(self.eta), np.ones(R)
 
-    def tail(self, powers: Array) -> tuple[Array, Array]:
+    def tails(self) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
-        u = self.travel[..., None] / (LENGTHS_M * np.exp(self.settings @ powers)[:, None, None])
+        lengths = LENGTHS_M * np.exp(self.settings @ self.powers)[:, None, None]
+        u = self.travel[..., None] / lengths
         columns = np.exp(-u) * (self.one * self.level[:, None])[..., None]
         return columns, u * columns
 
-    def model(self, powers: Array, A: Array, scale: Array | float = 1.0) -> Mixed:
+    def model(self) -> Mixed:
         """Return the model, linear in the powers, with runs' own tails about the spectrum A."""
-        columns, slopes = self.tail(powers)
-        height, length = columns @ A, slopes @ A
+        columns, slopes = self.tails()
+        height, length = columns @ self.A, slopes @ self.A
+        by_power = length[..., None] * self.settings[:, None]
         typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
         zeros = [(s * self.T0, p) for s, p in ZEROS]
         shared = [
             Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
-            Shared("powers", length[..., None] * self.settings[:, None], Size(POWER), mean=-powers),
+            Shared("powers", by_power, Size(POWER), mean=-self.powers),
             Shared("zeros", self.zeros, choices=zeros),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
@@ -173,35 +180,35 @@ class Bench:
             Own("length", Size(0.10, 1.0), columns=length),
             Own("rest", Size(1e-6, 2.0), columns=self.rest),
         ]
-        return Mixed(self.y, shared, own, level=self.one, scale=scale)
+        return Mixed(self.y, shared, own, level=self.one, scale=self.scale)
 
+    def update(self, sizes: Mapping[str, float]) -> Posterior:
+        """Improve spectrum and noise: a restless run gets less weight, none is set aside."""
+        posterior = self.model().at(sizes)
+        freedom = np.sum(self.one > 0.0, axis=1) - 2.0
+        found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
+        self.A, self.scale = posterior.of("tail")[0], np.asarray(found / np.median(found))
+        return posterior
 
-@dataclass(frozen=True, eq=False)
-class BenchFit:
-    """The runs of a bench and what they share; z of run k after its tail is `posterior.level`."""
-
-    bench: Bench
-    posterior: Posterior
-    powers: Array  # of the settings in the length of the tail
-    A: Array  # spectrum
-    scale: Array  # noise variance of each run over that of the bench, (R,)
-    converged: bool  # whether the search for the sizes ended
+    def search(self, sizes: Mapping[str, float], steps: int) -> None:
+        """Improve the shape of the tail and the noise of the runs, then the sizes."""
+        for _ in range(2):
+            powers = self.powers + self.update(sizes).of("powers")[0]
+            self.powers = np.clip(powers, -1.5, 1.5)
+        self.posterior = self.model().fit(start=sizes, steps=steps, tolerance=1e-6)
 
     def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return columns of z of run k: exponentials and slow decays, and its own effects."""
-        u = travel[:, None] / (LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers))
-        columns, slow = np.exp(-u), self.bench.records[k].slow_decays(travel)
+        u = travel[:, None] / (LENGTHS_M * np.exp(self.settings[k] @ self.powers))
+        columns, slow = np.exp(-u), self.records[k].slow_decays(travel)
         own = np.column_stack([columns @ self.A, (u * columns) @ self.A, slow])
-        level = self.bench.level[k]
-        return level * np.column_stack([columns, slow]), level * own
+        return self.level[k] * np.column_stack([columns, slow]), self.level[k] * own
 
     @cached_property
     def _own(self) -> tuple[Array, Array, Array]:
         """Own tails and decays: mean (R, 6), covariance, and that with the level."""
-        p, bench = self.posterior, self.bench
-        columns, slopes = bench.tail(self.powers)
-        Z = np.stack([columns @ self.A, slopes @ self.A], axis=2)
-        Z = np.concatenate([Z, bench.decay], axis=2)
+        p, tails = self.posterior, np.stack(self.tails(), axis=2) @ self.A
+        Z = np.concatenate([tails, self.decay], axis=2)
         S = np.diag([p.sizes[name] ** 2 for name in ("height", "length", *["own decay"] * 4)])
         PZ = p.P @ Z
         mean = np.einsum("rij,ri->rj", PZ, p.residual) @ S
@@ -243,64 +250,39 @@ class BenchFit:
         return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
 
     @property
-    def drift(self) -> Array:
+    def visible_drift(self) -> Array:
         """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
-        p, bench = self.posterior, self.bench
+        p = self.posterior
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
-        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * bench.memory[-2]
-        slow = slow + p.sizes["walk"] ** 2 * bench.memory[-1]
-        wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
-        last = bench.one.shape[1] - 1 - np.argmax(bench.one[:, ::-1] > 0.0, axis=1)
-        change = np.take_along_axis(wander, last[:, None], axis=1)[:, 0] - wander[:, 2]
-        return np.asarray(change + p.of("drift")[0][0] * bench.level)
+        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * self.memory[-2]
+        slow = slow + p.sizes["walk"] ** 2 * self.memory[-1]
+        wander = np.einsum("rij,rj->ri", slow, Pe) * self.c[:, None]
+        last = [r.z.size + 1 for r in self.records]
+        change = wander[np.arange(len(last)), last] - wander[:, 2]
+        return np.asarray(change + p.of("drift")[0][0] * self.level)
 
 
-def noise_scale(bench: Bench, posterior: Posterior) -> Array:
-    """Estimate the noise of the runs: a restless run gets less weight, none is set aside."""
-    freedom = np.sum(bench.one > 0.0, axis=1) - 2.0
-    found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
-    return np.asarray(found / np.median(found))
-
-
-def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
+def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     """Fit sizes to some runs, then levels and common effects to all."""
     settings = log_settings(records)
     centre = settings.mean(axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
-    some = Bench([records[i] for i in chosen], centre)
     clocks = [np.zeros(3)]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
         clocks.append(np.array([1.0, 0.0, 0.0]))
-    turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}, FIRST_STEPS) for powers in clocks]
-    powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
-    powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
-    sizes, converged, scale = found.sizes, found.converged, np.ones(len(records))
-    bench = some if len(chosen) == len(records) else Bench(records, centre)
+    several = [Bench([records[i] for i in chosen], centre, powers) for powers in clocks]
+    for some in several:  # slow noise from above: a size that is too small has no slope
+        some.search(
+            {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}, FIRST_STEPS
+        )
+    some = max(several, key=lambda some: some.posterior.log_evidence)
+    some.search(some.posterior.sizes, STEPS)
+    bench, sizes = Bench(records, centre, some.powers), some.posterior.sizes
+    bench.A = some.A
     for _ in range(2):
-        found = bench.model(powers, A, scale).at(sizes)
-        A, scale = found.of("tail")[0], noise_scale(bench, found)
-    found = bench.model(powers, A, scale).at(sizes)
-    return BenchFit(bench, found, powers, A, scale, converged)
-
-
-def _turn(
-    bench: Bench,
-    powers: Array,
-    A: Array,
-    scale: Array | float,
-    sizes: Mapping[str, float],
-    steps: int,
-) -> tuple[Array, Array, Array | float, Posterior]:
-    """Improve the shape of the tail and the noise of the runs, then the sizes."""
-    # slow noise from above: a size that is too small has no slope
-    sizes = sizes or {f"memory {tau:g} s": 3.0 * bench.slow_N for tau in MEMORIES_S[:-1]}
-    for _ in range(2):
-        posterior = bench.model(powers, A, scale).at(sizes)
-        powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
-        A = posterior.of("tail")[0]
-        scale = noise_scale(bench, posterior)
-    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-6)
-    return powers, A, scale, found
+        bench.update(sizes)
+    bench.posterior = replace(bench.model().at(sizes), converged=some.posterior.converged)
+    return bench
 
 
 CELL_ZEROS = ((1e-5, 0.5), (3e-4, 0.125), (1e-3, 0.125), (3e-3, 0.125), (1e-2, 0.125))
@@ -321,14 +303,14 @@ def cell_errors(
     level_se: Array,
     gain_rel: float = 2e-3,
     free_at_rest: bool = False,
-) -> tuple[Array, Array, Array, Array, list[str]]:
-    """Estimate the errors (S4) of runs with their rest and their sliding.
+) -> tuple[Array, Array, Array]:
+    """Estimate the errors (S4) of runs with their rest and their sliding; set `held` and notes.
 
     `level` and `level_se` (R,) are ln(T_tight/T_slack) while sliding and its standard error,
     `gain_rel` the stated standard uncertainty of the gain of a cell; the belt may be `free_at_rest`
     of friction. Returns, of ln(T_tight/T_slack), the correction to subtract, the variance of its
-    part that is independent between runs, the standard deviation, with sign, of what all share; the
-    difference at rest that zeros and gains do not explain, as a share of the tension; notes (R,).
+    part that is independent between runs, and the standard deviation, with sign, of what all share
+    (R,). `held` is the difference at rest that zeros and gains do not explain, over the tension.
     """
     T, D, se = np.array(
         [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
@@ -371,8 +353,11 @@ def cell_errors(
     mean = d * (q * zeros + gain)
     variance = own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2)
     common = np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1)
-    notes = [_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)]
-    return mean, variance, common, (D - d * (zeros + gain * T)) / T, notes
+    held_shares = (D - d * (zeros + gain * T)) / T
+    for run, share, zero_N, T_0 in zip(runs, held_shares.tolist(), zeros, T, strict=True):
+        run.held = share
+        run.notes += _notes(zero_N, T_0, zeta, own_zero_N, gain)
+    return mean, variance, common
 
 
 def _gain_by_directions(
@@ -406,7 +391,9 @@ def _gain_by_directions(
     return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def _note(zero_N: float, tension_N: float, zeta: float, wander: float, gain: float) -> str:
+def _notes(
+    zero_N: float, tension_N: float, zeta: float, wander: float, gain: float
+) -> tuple[str, ...]:
     """Describe the errors of the cells if they are large."""
     found = []
     if min(abs(zeta) + wander, abs(zero_N)) > NOTED * tension_N:
@@ -414,4 +401,4 @@ def _note(zero_N: float, tension_N: float, zeta: float, wander: float, gain: flo
         found.append(f"the zero points of the cells differ by {zeta:+.3g} N over all runs{own}")
     if abs(gain) > NOTED:
         found.append(f"the gains of the cells differ by {100 * gain:+.3g} %")
-    return f"{'; '.join(found)}: corrected" if found else ""
+    return (f"{'; '.join(found)}: corrected",) if found else ()

@@ -164,7 +164,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     if sliding.rounding > ROUNDING_NOTED:
         run.notes += ("coarse A/D converters of the cells: included in the standard error",)
     at_rest = (t >= rest.first_s) & (t <= rest.last_s)
-    if np.count_nonzero(at_rest) >= 8 <= rest.n_samples:
+    if rest.n_samples >= 8:
         # with a dead weight, the noise may be in the cell or in the ratio of the tensions
         z = [x[at_rest] / sliding.tensions_N @ [1.0, -1.0] for x in (tensions, held)]
         noise_N = max(_scatter(t[at_rest], x) for x in z) / sliding.sensitivity

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators import mad_sigma, median
-from beltid.identify.friction.bench_model import BenchFit, cell_errors, fit_bench
+from beltid.identify.friction.bench_model import Bench, cell_errors, fit_bench
 from beltid.identify.friction.prepare import Rest, SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
     CELLS,
@@ -176,10 +176,8 @@ def reduce_records(
     match the stated ones, see :func:`against_stated`.
     """
     prepared = [prepare_run(record, R) for record in records]
-    sliding = [(run, record) for run, record in prepared if record is not None]
-    if sliding:
-        of_runs, of_records = zip(*sliding, strict=True)
-        _reduce_together(of_runs, of_records, R, gain_rel, free_at_rest)
+    if sliding := [(run, record) for run, record in prepared if record is not None]:
+        _reduce_together(sliding, R, gain_rel, free_at_rest)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
     at_rest = [run for run, _ in prepared if np.isnan(run.momentum_N)]
@@ -232,38 +230,36 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
 
 
 def _reduce_together(
-    runs: Sequence[RunReduction],
-    records: Sequence[SlidingRecord],
+    sliding: Sequence[tuple[RunReduction, SlidingRecord]],
     R: float,
     gain_rel: float,
     free_at_rest: bool,
 ) -> None:
     """Reduce all sliding runs of a bench together."""
+    runs, records = zip(*sliding, strict=True)
     bench, rests = fit_bench(records), [record.rest for record in records]
     # relative change of the tension from the mean over the rest to its end
     change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
     weight = np.maximum([rest.end_se_N / rest.tension_N for rest in rests], 1e-7) ** -2.0
     relaxed = float(np.average(change, weights=weight)) if weight.any() else 0.0
     relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
+    level, drift = bench.posterior.level, bench.visible_drift
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
-    level, shared, drift = bench.posterior.level, bench.shared, bench.drift
-    errors, variance, common, held, notes = cell_errors(
+    errors, variance, common = cell_errors(
         runs, records, level, np.sqrt(own), gain_rel, free_at_rest
     )
-    shared = np.column_stack([shared, common])
+    shared = np.column_stack([bench.shared, common])
     y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
-    for k, (run, record) in enumerate(zip(runs, records, strict=True)):
-        y, y_se = float(level[k] - errors[k]), float(y_ses[k])
+    for k, (run, record) in enumerate(sliding):
+        y = float(level[k] - errors[k])
         run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
-        run.notes += (notes[k],) if notes[k] else ()
-        run.held, run.converged = float(held[k]), bench.converged
-        run.drift = float(drift[k]) / y
+        run.converged, run.drift = bench.posterior.converged, float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
             reject(not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
-            _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
-            _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
+            _set_plateau(run, record, bench.tail(k, record.travel), y, float(y_ses[k]), R)
+            _check_fit(run, record, bench, k)
             run.status = "ok"
             run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
         except RunRejected as reason:
@@ -317,16 +313,15 @@ def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator
         )
 
 
-def _check_fit(
-    run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, *shared: float
-) -> None:
+def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -> None:
     """Reject a run that does not fit the bench, drifts or never settles."""
     y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
     misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
-    error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
+    own = math.sqrt(bench.posterior.level_variance[k]) / y
+    error = math.hypot(own, run.shared_tail, run.shared_drift)
     reject(
         bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
         f"does not fit the bench: its record is off the common model by {misfit:.2g} "
@@ -349,7 +344,7 @@ def _check_fit(
     )
 
 
-def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:
+def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y: float) -> str:
     """Set the sticking peak from the model of the sliding, or return why there is none."""
     level = float(bench.posterior.level[k])
     first = record.first_s[0], record.travel[0], record.z[0]
