@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from virtual_rig import Recipe, record
 
-from beltid.identify.friction.prepare import BLOCKS, find_rotation, read_channels, rest_state
+from beltid.identify.friction.prepare import BLOCKS, Rest, find_rotation, read_channels
 from beltid.identify.friction.reduction import against_stated
 from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 
@@ -203,7 +203,7 @@ def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():
 def state(tight, slack, rounding_N=0.0):
     usable = np.isfinite(tight - slack)
     t = 0.02 * np.flatnonzero(usable)
-    return rest_state(t, np.column_stack([tight, slack])[usable], rounding_N)
+    return Rest(t, np.column_stack([tight, slack])[usable], rounding_N)
 
 
 def resting(n=200, tension=270.0, imbalance=4.0, noise=0.5, seed=0):

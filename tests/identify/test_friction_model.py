@@ -16,7 +16,7 @@ from beltid.identify.friction.bench_model import (
     fit_bench,
     log_settings,
 )
-from beltid.identify.friction.prepare import Phases, block_starts, rest_state, sliding_record
+from beltid.identify.friction.prepare import Phases, Rest, SlidingRecord, block_starts
 
 # --- noise of block means ---
 
@@ -58,7 +58,7 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.15 * starts[1:-1]))
 
 
-AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
+AT_REST = Rest(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
 
 
 def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight=None):
@@ -70,7 +70,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = Phases(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, np.array(rounding_N), weight, 0.05)
+    record = SlidingRecord(phase, AT_REST, np.array(rounding_N), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -82,7 +82,7 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     # of second order in the noise, (0.5/150)²/2: the plain mean of logarithms is off by it
     assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
     assert record.noise_N == pytest.approx(0.5, rel=0.15)
-    assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
+    assert np.exp(log_settings([record])[0, 0]) == pytest.approx(0.01, rel=0.01)
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
@@ -145,7 +145,7 @@ def several(n_runs, noise):
         tensions = math.sqrt(6e4) * np.exp(np.outer(z, [0.5, -0.5]))
         tensions += noise * rng.normal(size=tensions.shape)
         phase = Phases(t, tensions, 20 * x, np.full(411, 22.0), first=0, built=9, slide=11)
-        records.append(sliding_record(phase, AT_REST, np.zeros(2), None, 0.05))
+        records.append(SlidingRecord(phase, AT_REST, np.zeros(2), None, 0.05))
     return records, level
 
 

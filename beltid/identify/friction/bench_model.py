@@ -75,7 +75,9 @@ def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Arr
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
     """Return ln of the settings that may affect the length of the tail (R, 3)."""
-    return np.log([[r.speed_m_s, np.sqrt(np.prod(r.tensions_N)), r.level] for r in records])
+    speeds = [np.ptp(r.travel) / max(np.ptp(r.middle_s), 1e-12) for r in records]
+    tensions = [np.sqrt(np.prod(r.tensions_N)) for r in records]
+    return np.log(np.column_stack([speeds, tensions, [r.level for r in records]]))
 
 
 class Bench:
@@ -101,8 +103,7 @@ class Bench:
         middle_level = np.median(self.level)
         for i, r in enumerate(records):
             b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
-            unit = r.level / c
-            mid = 0.5 * (r.first_s + r.last_s)
+            unit, mid = r.level / c, r.middle_s
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
             since_rest = mid - 0.5 * (rest.first_s + rest.last_s)

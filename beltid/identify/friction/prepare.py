@@ -123,13 +123,13 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     t, tensions, angle = channels.time_s[keep], channels.tensions[keep], angle[keep]
     halfway = (rotation.full_speed + rotation.end) // 2
     first, full_speed, late = np.searchsorted(keep, [rotation.first, rotation.full_speed, halfway])
-    rest, sliding_N = rest_state(t[:first], tensions[:first], rounding_N), tensions[late:]
+    rest, sliding_N = Rest(t[:first], tensions[:first], rounding_N), tensions[late:]
     half = 0.5 * rest.imbalance_N
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
-        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
+        rest.tension_N, rest.end_N, rest.end_se_N = W, W, 0.0
+        rest.imbalance_N, rest.imbalance_se_N = 0.0, 0.0
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     reject(
@@ -143,8 +143,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         reject(bool(kind.reversed), kind.reversed)
         run.swapped = True
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
-        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
-        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
+        rest.imbalance_N, rest.slopes_N_s = -rest.imbalance_N, rest.slopes_N_s * [-1.0, 1.0]
         tensions, rounding_N = tensions[:, ::-1], rounding_N[::-1]
     held = tensions
     if weight is not None:  # tensions of the same ratio, as if both ends were held
@@ -158,7 +157,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     n = t.size - slide
     few = f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}"
     reject(n < FEWEST_SLIDING, few)
-    sliding = sliding_record(phases, rest, rounding_N, weight, R)
+    sliding = SlidingRecord(phases, rest, rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
     if sliding.rounding > ROUNDING_NOTED:
@@ -373,59 +372,43 @@ def find_sliding(
     return built, max(after, first + build_up + 1, full_speed)
 
 
-@dataclass(frozen=True, slots=True)
 class Rest:
-    """Readings of the load cells before the pulley turns."""
+    """Readings of the load cells before the pulley turns, from finite tensions (n, 2).
 
-    n_samples: int
-    first_s: float
-    last_s: float  # times of the first and the last sample [s]
-    tension_N: float  # mean of both cells [N]
-    end_N: float  # mean of both cells over the last samples [N]
-    end_se_N: float
-    imbalance_N: float  # Tight minus slack cell [N]
-    imbalance_se_N: float
-    slopes_N_s: tuple[float, float]
-    """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""
-    slope_ses_N_s: tuple[float, float]
-
-
-def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
-    """Determine initial tension and imbalance of the cells from the samples before the rotation.
-
-    Finite tensions (n, 2); `rounding_N` (2,) are errors of means by converters. Samples whose
-    tensions already separate (a lagging speed channel) are left out. May raise `RunRejected`.
+    `rounding_N` (2,) are errors of means by converters. Samples whose tensions already separate (a
+    lagging speed channel) are left out. May raise `RunRejected`.
     """
-    found = f"{t.size} usable samples before the pulley turns, must be >= {FEWEST_REST}"
-    reject(t.size < FEWEST_REST, f"no rest phase: {found}")
-    difference = tensions[:, 0] - tensions[:, 1]
-    half = difference[: max(FEWEST_REST, t.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
-    quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
-    end = max(int(quiet[-1]) + 1 if quiet.size else 0, FEWEST_REST)
-    mean, difference = 0.5 * tensions[:end].sum(axis=1), difference[:end]
-    near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
-    mean, difference, time = mean[near], difference[near], t[:end][near]
-    n = difference.size
-    spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
-    se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    rounding = float(np.linalg.norm(rounding_N))
-    # a converter that stays on one step hides a slope: each half may be off by its rounding
-    jump = np.sqrt(8.0) * rounding / max(float(np.ptp(time)), 1e-12)
-    lines = [_slope(time, x) for x in (difference, 2.0 * mean)]
-    last = max(n // 8, min(n, 3))
-    return Rest(
-        n_samples=n,
-        first_s=float(time[0]),
-        last_s=float(time[-1]),
-        tension_N=float(np.mean(mean)),
-        end_N=float(np.mean(mean[-last:])),
-        end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
-        imbalance_N=float(np.mean(difference)),
-        imbalance_se_N=float(np.hypot(se, rounding)),
-        slopes_N_s=(lines[0][0], lines[1][0]),
-        slope_ses_N_s=(float(np.hypot(lines[0][1], jump)), float(np.hypot(lines[1][1], jump))),
-    )
+
+    def __init__(self, t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> None:
+        found = f"{t.size} usable samples before the pulley turns, must be >= {FEWEST_REST}"
+        reject(t.size < FEWEST_REST, f"no rest phase: {found}")
+        difference = tensions[:, 0] - tensions[:, 1]
+        half = difference[: max(FEWEST_REST, t.size // 2)]
+        limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
+        quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
+        end = max(int(quiet[-1]) + 1 if quiet.size else 0, FEWEST_REST)
+        mean, difference = 0.5 * tensions[:end].sum(axis=1), difference[:end]
+        near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
+        mean, difference, time = mean[near], difference[near], t[:end][near]
+        n, last = difference.size, max(difference.size // 8, min(difference.size, 3))
+        self.n_samples, self.first_s, self.last_s = n, float(time[0]), float(time[-1])
+        # mean of both cells over the rest and over its last samples, with standard error
+        self.tension_N, self.end_N = float(np.mean(mean)), float(np.mean(mean[-last:]))
+        noise_N = float(np.std(np.diff(mean))) if n > 2 else np.inf
+        self.end_se_N = noise_N / np.sqrt(2.0 * last)
+        rounding = float(np.linalg.norm(rounding_N))
+        spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
+        se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+        # tight minus slack cell
+        self.imbalance_N, self.imbalance_se_N = (
+            float(np.mean(difference)),
+            float(np.hypot(se, rounding)),
+        )
+        # slopes of the difference and of the sum of both cells; a converter that stays on one step
+        # hides a slope: each half may be off by its rounding
+        jump = np.sqrt(8.0) * rounding / max(float(np.ptp(time)), 1e-12)
+        slopes = np.array([_slope(time, difference), _slope(time, 2.0 * mean)])
+        self.slopes_N_s, self.slope_ses_N_s = slopes[:, 0], np.hypot(slopes[:, 1], jump)
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float]:
@@ -452,120 +435,76 @@ def _scatter(t: Array, x: Array) -> float:
     return float(np.sqrt(residual @ residual / (t.size - 2)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SlidingRecord:
-    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise."""
+    """Block means (m,) of the sliding of a run on a pulley of radius R [m].
 
-    first_s: Array  # times of the first and the last sample of each block
-    last_s: Array
-    count: Array  # samples of each block
-    travel: Array  # mean travel of the pulley's surface since the end of the build-up [m]
-    z: Array  # ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N
-    log_mean: Array
-    waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
-    take_up: Array  # decays of the possible rest of the build-up, (m, TAKE_UP.size)
-    slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
-    built_m: float  # travel of the pulley's surface until nine tenths of the build-up
-    turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
-    temperature: Array  # nan if unknown
-    rest: Rest  # rest phase before the rotation
-    onset: Array
-    """Times [s], travel since the end of the build-up [m] and z (nan if a tension is not positive),
-    from the start of the rotation to the start of the sliding, (3, k)."""
-    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding
-    noise_N: float  # white noise of a sample in z over `sensitivity`
-    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce
-    ripple_N: float  # amplitude of the strongest ripple in the tight tension
-    unrest_N: float
-    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity`."""
-    n_outliers: int  # samples that were dropped
-    zero_shifts: Array  # change of z by 1 N in the tight and the slack tension [1/N], (2,)
-    weight: Span | None  # span that carries a dead weight, whose tension has no errors
+    Means of the cells are off by `rounding_N` (2,); `weight` is the span that carries a dead
+    weight, whose tension has no errors.
+    """
 
-    @property
-    def sensitivity(self) -> float:
-        """Change of z by independent errors of 1 N in both cells [1/N]."""
-        return float(np.hypot(*self.zero_shifts))
+    def __init__(
+        self, phases: Phases, rest: Rest, rounding_N: Array, weight: Span | None, R: float
+    ) -> None:
+        self.rest, self.weight = rest, weight
+        # nine tenths of the build-up were reached at `built`: its end is a ninth further
+        self.built_m = max(R * float(phases.angle[phases.built]), 1e-9)
+        before, after = slice(phases.first, phases.slide), slice(phases.slide, None)
+        since_end = R * phases.angle - self.built_m / 0.9
+        # times, travel since the end of the build-up, and z (nan if a tension is not positive) from
+        # the first turn to the sliding, at a resolution that shows the sticking peak, (3, k)
+        taut = np.where(phases.tensions[before] > 0.0, phases.tensions[before], np.nan)
+        rise = [phases.time_s[before], since_end[before], np.log(taut) @ [1.0, -1.0]]
+        onset = np.column_stack(rise)[-20 * ONSET :]
+        starts = np.arange(0, len(onset), max(-(-len(onset) // ONSET), 1))
+        self.onset = block_means(onset, starts).T
+        t, tensions = phases.time_s[after], phases.tensions[after]
+        travel = np.maximum(since_end[after], 0.0)
+        smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
+        self.n_outliers = int(np.count_nonzero(~kept))
+        t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
+        angle, temperature = phases.angle[after][kept], phases.temperature[after][kept]
+        n, starts = t.size, block_starts(t.size)
+        self.first_s, self.last_s = t[starts], t[np.append(starts[1:], n) - 1]
+        self.middle_s = 0.5 * (self.first_s + self.last_s)
+        self.count = np.diff(np.append(starts, n)).astype(float)
+        ratio = tensions / smooth - 1.0
+        deviation = ratio[:, 0] - ratio[:, 1]
+        z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
+        # ln of the geometric mean of the tensions in N
+        log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
+        self.travel, self.z, self.log_mean, self.temperature = (
+            block_means(x, starts) for x in (travel, z, log_mean, temperature)
+        )
+        wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
+        turn = np.column_stack([np.cos(angle), np.sin(angle)])
+        self.waves, self.turn = block_means(wave, starts), block_means(turn, starts)
+        # decays of the possible rest of the build-up
+        share = (travel - travel[0])[:, None] / self.built_m
+        self.take_up, self.slow_take_up = (
+            block_means(np.exp(-share / lengths), starts) for lengths in (TAKE_UP, SLOW_TAKE_UP)
+        )
+        level = np.median(tensions[n // 2 :], axis=0)
+        self.tensions_N = (float(level[0]), float(level[1]))
+        self.level = float(np.log(level[0] / level[1]))  # of z in the second half of the sliding
+        # change of z by 1 N in either tension, and by independent errors of 1 N in both cells
+        self.zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
+        self.sensitivity = float(np.hypot(*self.zero_shifts))
+        residual = deviation - wave @ np.linalg.lstsq(wave, deviation, rcond=None)[0]
+        # white noise of a sample in z; scatter over sections as long as the rest, without ripple
+        self.noise_N = max(difference_sigma(residual), NOISE_FLOOR) / self.sensitivity
+        section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
+        sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
+        scatters = [_scatter(t[of], residual[of]) for of in sections if of.size >= 8]
+        self.unrest_N = float(np.median(scatters or 0.0)) / self.sensitivity
+        # of z by coarse converters, which averaging does not reduce
+        self.rounding = float(np.linalg.norm(rounding_N / level))
+        tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
+        self.ripple_N = float(np.linalg.norm(tight_waves[:2]))  # of the strongest ripple
 
     def slow_decays(self, travel: Array) -> Array:
         """Return the slow decays at travels since the end of the build-up [m], in the sliding."""
         since = np.maximum(travel - self.travel[0], 0.0)
         return np.exp(-since[:, None] / (self.built_m * SLOW_TAKE_UP))
-
-    @property
-    def speed_m_s(self) -> float:
-        """Mean speed of the pulley's surface [m/s]."""
-        middle_s = 0.5 * (self.first_s + self.last_s)
-        return float(np.ptp(self.travel) / max(np.ptp(middle_s), 1e-12))
-
-    @property
-    def level(self) -> float:
-        """Approximate mean of z over the second half of the sliding [-]."""
-        tight, slack = self.tensions_N
-        return float(np.log(tight / slack))
-
-
-def sliding_record(
-    phase: Phases, rest: Rest, rounding_N: Array, weight: Span | None, R: float
-) -> SlidingRecord:
-    """Average the sliding of a run on a pulley of radius R [m] over blocks.
-
-    Means of the cells are off by `rounding_N` (2,); `weight` is the span with a dead weight.
-    """
-    # nine tenths of the build-up were reached at `built`: its end is a ninth further
-    built_m = max(R * float(phase.angle[phase.built]), 1e-9)
-    before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
-    since_end = R * phase.angle - built_m / 0.9
-    # the record before the sliding, at a resolution that shows the sticking peak
-    taut = np.where(phase.tensions[before] > 0.0, phase.tensions[before], np.nan)
-    rise = np.column_stack([phase.time_s[before], since_end[before], np.log(taut) @ [1.0, -1.0]])
-    rise = rise[-20 * ONSET :]
-    onset = block_means(rise, np.arange(0, len(rise), max(-(-len(rise) // ONSET), 1))).T
-    t, tensions = phase.time_s[after], phase.tensions[after]
-    travel = np.maximum(since_end[after], 0.0)
-    smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
-    t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
-    angle, temperature = phase.angle[after][kept], phase.temperature[after][kept]
-    n = t.size
-    ratio = tensions / smooth - 1.0
-    z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
-    log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
-    wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
-    level = np.median(tensions[n // 2 :], axis=0)
-    zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
-    sensitivity = float(np.hypot(*zero_shifts))
-    residual = ratio[:, 0] - ratio[:, 1]
-    residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
-    tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-    relative_travel = (travel - travel[0])[:, None] / built_m
-    section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
-    sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
-    scatters = [_scatter(t[of], residual[of]) for of in sections if of.size >= 8]
-    starts = block_starts(n)
-    return SlidingRecord(
-        first_s=t[starts],
-        last_s=t[np.append(starts[1:], n) - 1],
-        count=np.diff(np.append(starts, n)).astype(float),
-        travel=block_means(travel, starts),
-        z=block_means(z, starts),
-        log_mean=block_means(log_mean, starts),
-        waves=block_means(wave, starts),
-        take_up=block_means(np.exp(-relative_travel / TAKE_UP), starts),
-        slow_take_up=block_means(np.exp(-relative_travel / SLOW_TAKE_UP), starts),
-        built_m=built_m,
-        turn=block_means(np.column_stack([np.cos(angle), np.sin(angle)]), starts),
-        temperature=block_means(temperature, starts),
-        rest=rest,
-        onset=onset,
-        tensions_N=(float(level[0]), float(level[1])),
-        noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
-        rounding=float(np.linalg.norm(rounding_N / level)),
-        ripple_N=float(np.linalg.norm(tight_waves[:2])),
-        unrest_N=float(np.median(scatters or 0.0)) / sensitivity,
-        n_outliers=int(np.count_nonzero(~kept)),
-        zero_shifts=zero_shifts,
-        weight=weight,
-    )
 
 
 def block_starts(n: int) -> NDArray[np.intp]:

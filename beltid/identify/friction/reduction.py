@@ -362,7 +362,7 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
     largest = int(np.argmax(after))
     peak, error = float(after[largest]), float(errors[largest])
-    times = np.append(0.5 * (t[before] + t[join]), 0.5 * (record.first_s + record.last_s))
+    times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
     run.peak_time_s = float(times[largest])
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(peak - float(np.nanmin(z)), limit)
