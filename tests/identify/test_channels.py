@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from virtual_rig import Recipe, record
 
-from beltid.identify.friction.prepare import BLOCKS, Rest, find_rotation, read_channels
+from beltid.identify.friction.prepare import BLOCKS, Rest, Rotation, read_channels
 from beltid.identify.friction.reduction import against_stated
 from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 
@@ -152,7 +152,7 @@ def test_rotation_of_a_clean_record(unit):
     # so long that no difference but zero counts for its noise
     speed = speed_record(full=2000)
     speed[1620:2120] = 0.204
-    found = find_rotation(unit * speed)
+    found = Rotation(unit * speed)
     # the ramp begins at 1/21 of the top, above 3 %, and ends at 20/21, below 97 %
     assert (found.first, found.full_speed, found.end) == (100, 120, 2120)
     assert found.speed_rad_s == pytest.approx(0.2 * unit, rel=0.021)
@@ -162,7 +162,7 @@ def test_noise_at_rest_is_no_rotation_and_noise_at_speed_no_end_of_it():
     rng = np.random.default_rng(0)
     speed = speed_record(rest=200, ramp=40, full=400, after=0)
     speed += rng.normal(0.0, 0.004, speed.size)
-    found = find_rotation(speed)
+    found = Rotation(speed)
     # four medians of |noise|, doubled: 8 * 0.67 * 0.004 = 0.022 rad/s, 4.5 samples of the ramp
     assert 202 <= found.first <= 208
     assert 232 <= found.full_speed <= 242
@@ -173,7 +173,7 @@ def test_noise_at_rest_is_no_rotation_and_noise_at_speed_no_end_of_it():
 def test_the_first_rotation_counts_if_it_is_no_jerk(full, counts):
     """A fifth as long as the longest one of 218 samples above a tenth of the speed."""
     first = speed_record(full=full, ramp=20, after=40)
-    found = find_rotation(np.concatenate([first, speed_record(top=0.2, rest=50)]))
+    found = Rotation(np.concatenate([first, speed_record(top=0.2, rest=50)]))
     begin = 100 if counts else first.size + 50
     end = 100 + 20 + full if counts else first.size + 50 + 220
     assert (found.first, found.end) == (begin, end)
@@ -186,7 +186,7 @@ def test_a_rotation_is_found_after_any_rest(turning, fine):
     speed[20_000 - turning - 40 : 20_000 - 40] += 60.0
     speed[5000:5004] = 900.0 if fine else 0.0  # a glitch is no rotation
     with limit(fine, "turns"):
-        found = find_rotation(speed)
+        found = Rotation(speed)
         assert (found.first, found.end) == (19_960 - turning, 19_960)
 
 
@@ -194,7 +194,7 @@ def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():
     for jerk, first in ((-0.05, 100), (0.05, 97)):
         speed = speed_record(ramp=0)
         speed[97:100] = jerk
-        assert find_rotation(speed).first == first
+        assert Rotation(speed).first == first
 
 
 # --- rest ---

@@ -99,7 +99,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     kind, weight = record.kind, record.kind.weight
     reject(bool(record.defect), record.defect)
     channels = read_channels(record, run)
-    rotation = find_rotation(channels.speed)
+    rotation = Rotation(channels.speed)
     # valid for a running belt, too
     run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + rotation.speed_rad_s)
     run.slip_speed_m_s = abs(float(sliding_speed(rotation.speed_rad_s, R)))
@@ -191,10 +191,9 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     spikes = np.zeros(tensions.shape, dtype=bool)
     for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
         if span != kind.weight:
-            values, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
-            noise = difference_sigma(values[np.isfinite(values)][-2 * BLOCKS :])
+            x, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
+            tensions[:, k], noise = x, difference_sigma(x[np.isfinite(x)][-2 * BLOCKS :])
             rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
-            tensions[:, k] = values
     run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
     run.n_missing = int(np.count_nonzero(np.any(~(np.isfinite(tensions) | spikes), axis=1)))
     columns = [_untied(t), tensions, _speed(t, record.speed), record.temperature]
@@ -261,42 +260,42 @@ def _speed(t: Array, speed: Array) -> Array:
     return speed if np.all(present) else np.interp(t, t[present], speed[present])
 
 
-@dataclass(frozen=True, slots=True)
 class Rotation:
-    """Part of a record in which the pulley turns."""
+    """Part of a record of finite speeds [rad/s], (n,), in which the pulley turns.
 
-    first: int  # index of the first sample at which the pulley turns
-    full_speed: int  # index of the first sample at which it has reached its speed
-    end: int  # index after the last sample at which it turns
-    speed_rad_s: float  # speed reached, with its sign, median over the second half
-    unsteadiness: float  # relative change between the two halves of the time at full speed
+    May raise `RunRejected`.
+    """
 
-
-def find_rotation(speed: Array) -> Rotation:
-    """Locate the rotation in finite speeds [rad/s], (n,); `RunRejected` if none is long enough."""
-    smooth = running_median(speed, 5)
-    magnitude, noise = np.abs(smooth), difference_sigma(speed)
-    least = min(FEWEST_TURNING, 0.05 * speed.size)  # a glitch is shorter
-    first, end = _first_rotation(magnitude, float(np.quantile(magnitude, 1 - least / speed.size)))
-    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
-    quiet, fastest = np.abs(speed[magnitude <= 0.5 * top]), float(np.max(magnitude))
-    # speed noise grows with the speed on most encoders: compare with the rest phase
-    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
-    if top <= max(5.0 * noise, 2.0 * background):
-        few = f"too short: the pulley turns in fewer than {least:.0f} samples"
-        still = (
-            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s of its "
-            "level; a run whose speed falls or rises throughout: give plateaus, as a table"
+    def __init__(self, speed: Array) -> None:
+        smooth = running_median(speed, 5)
+        magnitude, noise = np.abs(smooth), difference_sigma(speed)
+        least = min(FEWEST_TURNING, 0.05 * speed.size)  # a glitch is shorter
+        first, end = _first_rotation(
+            magnitude, float(np.quantile(magnitude, 1 - least / speed.size))
         )
-        reject(True, few if fastest > max(10.0 * top, 10.0 * noise) else still)
-    threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
-    while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
-        first -= 1
-    full_speed = first + int(np.argmax(magnitude[first:end] >= 0.97 * top - 3.0 * noise))
-    early, late = np.split(magnitude[full_speed:end], [(end - full_speed) // 2])
-    change = (median(late) - median(early)) / top if early.size >= 3 else 0.0
-    backwards = median(smooth[first:end]) < 0.0
-    return Rotation(first, full_speed, end, -top if backwards else top, change)
+        top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+        quiet, fastest = np.abs(speed[magnitude <= 0.5 * top]), float(np.max(magnitude))
+        # speed noise grows with the speed on most encoders: compare with the rest phase
+        background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+        if top <= max(5.0 * noise, 2.0 * background):
+            few = f"too short: the pulley turns in fewer than {least:.0f} samples"
+            still = (
+                f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s of "
+                "its level; a run whose speed falls or rises throughout: give plateaus, as a table"
+            )
+            reject(True, few if fastest > max(10.0 * top, 10.0 * noise) else still)
+        threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
+        while (
+            first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0
+        ):
+            first -= 1
+        full_speed = first + int(np.argmax(magnitude[first:end] >= 0.97 * top - 3.0 * noise))
+        # the samples at which it begins to turn, has reached its speed, and no longer turns
+        self.first, self.full_speed, self.end = first, full_speed, end
+        self.speed_rad_s = -top if median(smooth[first:end]) < 0.0 else top
+        # relative change between the two halves of the time at full speed
+        early, late = np.split(magnitude[full_speed:end], [(end - full_speed) // 2])
+        self.unsteadiness = (median(late) - median(early)) / top if early.size >= 3 else 0.0
 
 
 def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:

@@ -205,18 +205,13 @@ TWO_CELLS = RigKind()  # the rig of the paper
 
 def drag_of(idle: Sequence[Columns]) -> Drag | None:
     """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
-    found, at_rest = [], []
-    for columns in idle:
-        torque, speed, turns = in_direction(columns)
-        if not turns.any():
-            continue
-        found.append((float(np.median(speed[turns])), float(np.mean(torque[turns]))))
-        still = torque[np.isfinite(torque) & (speed <= TURNS * float(np.nanmax(speed)))]
-        at_rest += [float(np.mean(still))] if still.size else []
-    if not found:
+    runs = [run for run in map(in_direction, idle) if run[2].any()]
+    if not runs:
         return None
-    speeds, torques = np.array(sorted(found)).T
-    return Drag(speeds, torques, float(np.mean(at_rest or [0.0])))
+    found = sorted((np.median(v[turns]), np.mean(M[turns])) for M, v, turns in runs)
+    speeds, torques = np.array(found).T
+    still = [M[np.isfinite(M) & (v <= TURNS * float(np.nanmax(v)))] for M, v, _ in runs]
+    return Drag(speeds, torques, float(np.mean([np.mean(M) for M in still if M.size] or 0.0)))
 
 
 def in_direction(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
