@@ -124,8 +124,10 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     halfway = (rotation.full_speed + rotation.end) // 2
     first, full_speed, late = np.searchsorted(keep, [rotation.first, rotation.full_speed, halfway])
     rest, sliding_N = Rest(t[:first], tensions[:first], rounding_N), tensions[late:]
-    half = 0.5 * rest.imbalance_N
-    run.rest_N = (rest.tension_N + half, rest.tension_N - half)
+    run.rest_N = (
+        rest.tension_N + 0.5 * rest.imbalance_N,
+        rest.tension_N - 0.5 * rest.imbalance_N,
+    )
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
         rest.tension_N, rest.end_N, rest.end_se_N = W, W, 0.0
@@ -151,12 +153,14 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
             share = tensions[:, 0] / tensions.sum(axis=1)
         held = median(np.sum(sliding_N, axis=1)) * np.column_stack([share, 1.0 - share])
     built, slide = find_sliding(t, held, int(first), int(full_speed), weight)
-    angle, temperature = angle - angle[first], channels.temperature[keep]
-    phases = Phases(t, held, angle, temperature, int(first), built, slide)
+    temperature = channels.temperature[keep]
+    phases = Phases(t, held, angle - angle[first], temperature, int(first), built, slide)
     run.take_up_m = R * phases.take_up
     n = t.size - slide
-    few = f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}"
-    reject(n < FEWEST_SLIDING, few)
+    reject(
+        n < FEWEST_SLIDING,
+        f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}",
+    )
     sliding = SlidingRecord(phases, rest, rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
@@ -170,9 +174,11 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
         floor = max(1e-3 / sliding.sensitivity, float(np.max(rounding_N)))
         ratio = sliding.unrest_N / max(noise_N, floor)
-        found = f"{ratio:.2g} times that at rest, allowed is {MAX_NOISE_RATIO:g} times"
-        is_rough = ratio > MAX_NOISE_RATIO
-        reject(is_rough, f"sticks and slips: the noise while sliding is {found}")
+        reject(
+            ratio > MAX_NOISE_RATIO,
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {MAX_NOISE_RATIO:g} times",
+        )
     return sliding
 
 
@@ -184,8 +190,7 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
     t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
     reject(t.size < 2, f"too short: {t.size} samples")
     reject(t[-1] <= t[0], f"time_s stands still at {t[0]:g} s")
-    is_read = kind.measures == "two_cells" and not kind.running
-    cells = kind.cells if is_read else PERFECT
+    cells = kind.cells if kind.measures == "two_cells" and not kind.running else PERFECT
     last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
     step, rounding_N = resolution(*last), np.zeros(2)
     spikes = np.zeros(tensions.shape, dtype=bool)
@@ -218,9 +223,8 @@ def _untied(t: Array) -> Array:
 def _tension(values: Array, name: str) -> tuple[Array, Mask]:
     """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
-    lost = {"missing": np.isnan(clean), "not positive": ~(clean > 0.0)}
     allowed = f"of the samples, allowed is {100 * MAX_MISSING:g} %"
-    for lacks, bad in lost.items():
+    for lacks, bad in (("missing", np.isnan(clean)), ("not positive", ~(clean > 0.0))):
         share = np.mean(bad)
         reject(share > MAX_MISSING, f"{name} is {lacks} in {100 * share:.3g} % {allowed}")
     low, high = np.nanmin(clean), np.nanmax(clean)
@@ -243,17 +247,21 @@ def _require_range(x: Array, name: str) -> None:
         return
     for y in (x, -x):
         near, count = np.mean(y > 0.5 * (y.max() + y.min())), np.count_nonzero(y == y.max())
-        share, extreme = count / (near * x.size), x[np.argmax(y)]
-        found = f"{100 * share:.3g} % of the samples near its extreme are {extreme:g} N"
-        is_clipped = count >= FEWEST_CLIPPED and share > CLIPPED
-        reject(is_clipped, f"{name} is saturated: {found}")
+        share = count / (near * x.size)
+        reject(
+            count >= FEWEST_CLIPPED and share > CLIPPED,
+            f"{name} is saturated: {100 * share:.3g} % of the samples near its extreme are "
+            f"{x[np.argmax(y)]:g} N",
+        )
 
 
 def _speed(t: Array, speed: Array) -> Array:
     """Return the speed of the pulley with gaps and overflow marks interpolated."""
     present = np.isfinite(speed)
-    lost = f"{np.count_nonzero(~present)} of {speed.size} samples"
-    reject(np.mean(present) < 0.5, f"pulley_speed_rad_s is missing in {lost}")
+    reject(
+        np.mean(present) < 0.5,
+        f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples",
+    )
     size = np.abs(np.where(present, speed, 0.0))
     # divided, not multiplied: ten times an infinite speed is no number
     present &= size / MARKED <= running_median(size, 7) + np.quantile(size, 0.95)
@@ -349,20 +357,25 @@ def find_sliding(
         rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
         change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
         small, large = np.sort(change)
-        is_dead = small < LEAST_ANSWER * large and large > 0.2 * np.median(rest)
-        changes = f"it changes by {small:.3g} N while the other cell changes by {large:.3g} N"
-        reject(is_dead, f"tension_{SPANS[int(np.argmin(change))]}_N is dead: {changes}")
+        reject(
+            small < LEAST_ANSWER * large and large > 0.2 * np.median(rest),
+            f"tension_{SPANS[int(np.argmin(change))]}_N is dead: it changes by {small:.3g} N while "
+            f"the other cell changes by {large:.3g} N",
+        )
     # halve the time, not the samples: a simulated recording has most of them in the build-up
     middle = 0.5 * float(t[first] + t[-1])
     at_rest, settled = median(difference[:first]), median(difference[t >= middle])
     least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    part = f"the tensions part by {settled - at_rest:.3g} N while the pulley turns"
-    is_held = settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1]))
-    reject(is_held, f"never slides: {part}")
+    reject(
+        settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])),
+        f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns",
+    )
     reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
     build_up = int(np.argmax(reached))
-    is_late = t[first + build_up] > middle
-    reject(is_late, "never slides: the tensions still part at the end of the record")
+    reject(
+        t[first + build_up] > middle,
+        "never slides: the tensions still part at the end of the record",
+    )
     # a sample at exactly this time counts as before, whatever the rounding of the clock
     rise_s = (1.5 + 1e-3 / max(build_up, 1)) * (t[first + build_up] - t[first])
     after = int(np.searchsorted(t, t[first] + rise_s, side="right"))
@@ -379,8 +392,11 @@ class Rest:
     """
 
     def __init__(self, t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> None:
-        found = f"{t.size} usable samples before the pulley turns, must be >= {FEWEST_REST}"
-        reject(t.size < FEWEST_REST, f"no rest phase: {found}")
+        reject(
+            t.size < FEWEST_REST,
+            f"no rest phase: {t.size} usable samples before the pulley turns, "
+            f"must be >= {FEWEST_REST}",
+        )
         difference = tensions[:, 0] - tensions[:, 1]
         half = difference[: max(FEWEST_REST, t.size // 2)]
         limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
@@ -430,8 +446,7 @@ def _line(t: Array, x: Array) -> tuple[float, Array, float]:
 
 def _scatter(t: Array, x: Array) -> float:
     """Return the standard deviation about a straight line over time."""
-    residual = _line(t, x)[1]
-    return float(np.sqrt(residual @ residual / (t.size - 2)))
+    return float(np.linalg.norm(_line(t, x)[1]) / np.sqrt(t.size - 2))
 
 
 class SlidingRecord:

@@ -72,32 +72,32 @@ def reduce_plateaus(
     if not direct and "arc_deg" not in given:
         raise InputError("column arc_deg is missing")
     if not kind.running:
-        speed, slip = (table[name] for name in SPEEDS)
-        table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
+        omega, slip = (table[name] for name in SPEEDS)
+        table["pulley_speed_rad_s"] = np.where(np.isfinite(omega), omega, slip / R)
     label, count = [str(name) for name in columns["run"]], Counter[str]()
     repeated = Counter(label)
     for row, name in enumerate(list(label)):
         count[name] += 1
         label[row] += f"-{count[name]}" if repeated[name] > 1 else ""
-    texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    table |= {"run": np.array(label, dtype=object), **texts}
+    table |= {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
+    table["run"] = np.arange(n).astype(str)
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
     records = run_records(table, R, kind)
-    row_of = {name: row for row, name in enumerate(label)}
-    rows = [row_of[record.result.run] for record in records]
+    rows = [int(record.result.run) for record in records]
     ses = table["mu_se"][rows]
     if not direct and np.isfinite(resolution_N):
         ses = np.where(np.isfinite(ses), ses, _se_by_resolution(table, R, kind, resolution_N))
     for record, row, se in zip(records, rows, ses.tolist(), strict=True):
-        run, own = record.result, {name: float(table[name][row]) for name in OF_ROW}
+        run = record.result
+        mu, N, speed, v, temperature = (float(table[name][row]) for name in OF_ROW)
+        run.run, run.n_samples, run.temperature_degC = label[row], 1, temperature
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
-        run.temperature_degC, run.n_samples = own["temperature_degC"], 1
-        run.pulley_speed_rad_s, v = abs(own["pulley_speed_rad_s"]), own["slip_speed_m_s"]
+        run.pulley_speed_rad_s = abs(speed)
         run.slip_speed_m_s = abs(sliding_speed(float(record.speed[0]), R) if np.isnan(v) else v)
         if direct:
-            run.mu_sliding, run.normal_force_N_m = own["mu"], own["normal_force_N_m"]
+            run.mu_sliding, run.normal_force_N_m = mu, N
         else:
             run.set_plateau(record.tensions[0, 0], record.tensions[0, 1], R)
         run.mu_sliding_se = se
@@ -317,13 +317,13 @@ def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -
     """Reject a run that does not fit the bench, drifts or never settles."""
     y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
-    misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
+    is_large = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
     own = math.sqrt(bench.posterior.level_variance[k]) / y
     error = math.hypot(own, run.shared_tail, run.shared_drift)
     reject(
-        bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
+        bench.scale.size >= FEWEST_FOR_MISFIT and is_large,
         f"does not fit the bench: its record is off the common model by {misfit:.2g} "
         f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
     )
@@ -351,28 +351,26 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate back to the end of the build-up, not beyond
     model, _ = bench.course(k, np.maximum(travel, 0.0))
-    ripple = record.ripple_N / record.tensions_N[0]
-    limit = JOINED * record.noise_N * record.sensitivity + ripple
+    noise = record.noise_N * record.sensitivity
+    limit = JOINED * noise + record.ripple_N / record.tensions_N[0]
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
     join = int(off_model[-1]) + 1 if off_model.size else 0
     if join > 0 and z[join - 1] > model[join - 1]:
         return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
     last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
-    after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
-    largest = int(np.argmax(after))
-    peak, error = float(after[largest]), float(errors[largest])
-    times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
-    run.peak_time_s = float(times[largest])
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
-    rise = max(peak - float(np.nanmin(z)), limit)
-    margin = float(travel[join] - travel[0]) * limit / rise
-    step = first_on - last_off
+    rise = max(float(model[join] - np.nanmin(z)), limit)
+    margin, step = float(travel[join] - travel[0]) * limit / rise, first_on - last_off
     ahead = 0.1 * max(step, margin)
     tail = bench.tail(k, np.array([first_on, first_on + ahead]))
     rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
-    se = float(np.linalg.norm([error, timing, record.rounding]))
+    after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
+    largest = int(np.argmax(after))
+    times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
+    run.peak_time_s, peak = float(times[largest]), float(after[largest])
+    se = float(np.linalg.norm([errors[largest], timing, record.rounding]))
     if peak - level < STANDS_OUT * se:
         return "no peak stands out from the plateau"
     if se > MAX_PEAK_ERROR * peak:
