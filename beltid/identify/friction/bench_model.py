@@ -95,19 +95,18 @@ class Bench:
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
         self.c = np.array([r.sensitivity for r in records])
-        self.T0 = float(np.median([r.rest.tension_N for r in records]))
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
         self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
-        middle_level = np.median(self.level)
+        middle_level, T0 = np.median(self.level), np.median([r.rest.tension_N for r in records])
         for i, r in enumerate(records):
             b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
             unit, mid = r.level / c, r.middle_s
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
             since_rest = mid - 0.5 * (rest.first_s + rest.last_s)
-            self.zeros[i, b] = np.outer(since_rest, r.zero_shifts / c)
+            self.zeros[i, b] = np.outer(since_rest, T0 * r.zero_shifts / c)
             # if friction drifts, mu_sliding is that of the middle of the second half of the run
             elapsed = (mid - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.drift[i, b, 0] = unit * (elapsed - 0.75)
@@ -128,7 +127,7 @@ class Bench:
             # difference and sum of the slopes at rest, in units of their errors
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
-            self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.zeros[i, :2] = T0 * np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
         n = np.array([r.count.sum() for r in records])
@@ -137,8 +136,7 @@ class Bench:
         at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
         slow_N = float(np.median(at_rest / np.sqrt(n)))
         self.slow_N = slow_N if slow_N > SLOW * self.typical_N else self.typical_N
-        longest = max(float(r.travel[-1]) for r in records)
-        log_l = np.log(LENGTHS_M)
+        log_l, longest = np.log(LENGTHS_M), max(float(r.travel[-1]) for r in records)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
@@ -157,11 +155,10 @@ class Bench:
         height, length = columns @ self.A, slopes @ self.A
         by_power = length[..., None] * self.settings[:, None]
         typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
-        zeros = [(s * self.T0, p) for s, p in ZEROS]
         shared = [
             Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
             Shared("powers", by_power, Size(POWER), mean=-self.powers),
-            Shared("zeros", self.zeros, choices=zeros),
+            Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
             Shared("release", self.rest[..., :1], choices=RELEASE),

@@ -98,7 +98,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     kind, weight = record.kind, record.kind.weight
     reject(bool(record.defect), record.defect)
-    channels = read_channels(record, run)
+    channels, rounding_N = read_channels(record, run)
     rotation = Rotation(channels.speed)
     # valid for a running belt, too
     run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + rotation.speed_rad_s)
@@ -118,9 +118,12 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         run.notes += (f"the pulley stops at {channels.time_s[rotation.end]:.4g} s",)
     speed = np.abs(channels.speed)
     turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    angle, rounding_N = np.concatenate([[0.0], turned]), channels.rounding_N
-    keep = np.flatnonzero(channels.usable[: rotation.end])
-    t, tensions, angle = channels.time_s[keep], channels.tensions[keep], angle[keep]
+    keep = np.flatnonzero(np.isfinite(channels.tensions[: rotation.end]).all(axis=1))
+    t, tensions, angle = (
+        channels.time_s[keep],
+        channels.tensions[keep],
+        np.append(0.0, turned)[keep],
+    )
     halfway = (rotation.full_speed + rotation.end) // 2
     first, full_speed, late = np.searchsorted(keep, [rotation.first, rotation.full_speed, halfway])
     rest, sliding_N = Rest(t[:first], tensions[:first], rounding_N), tensions[late:]
@@ -182,10 +185,11 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     return sliding
 
 
-def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
+def read_channels(record: RunRecord, run: RunReduction) -> tuple[RunRecord, Array]:
     """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`.
 
-    Counts of spikes and missing samples are set in the result.
+    Counts of spikes and missing samples are set in the result. Returns also the errors of means of
+    both tensions by coarse converters [N], (2,).
     """
     t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
     reject(t.size < 2, f"too short: {t.size} samples")
@@ -207,7 +211,7 @@ def read_channels(record: RunRecord, run: RunReduction) -> RunRecord:
         columns = [block_means(x, starts) for x in columns]
     t, tensions, speed, temperature = columns
     clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
-    return replace(clean, rounding_N=rounding_N)
+    return clean, rounding_N
 
 
 def _untied(t: Array) -> Array:

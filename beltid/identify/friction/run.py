@@ -311,13 +311,6 @@ class RunRecord:
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
     result: RunReduction = field(default_factory=RunReduction)  # what is known before
     belt_speed_m_s: float = 0.0
-    rounding_N: Array = field(default_factory=lambda: np.zeros(2))
-    """Errors of means of both tensions by coarse converters [N], (2,)."""
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """Mask of the samples with both tensions."""
-        return np.all(np.isfinite(self.tensions), axis=1)
 
 
 def run_records(
@@ -353,7 +346,7 @@ def _record(
     run.arc_deg, T_0, W = (float(columns[name][0]) if name in columns else NAN for name in NOMINAL)
     run.nominal_tension_N = W if kind.weight and np.isnan(T_0) else T_0
     run.torque_with, belt_speed = kind.span_beside_torque, 0.0
-    defects = kind.lacks(columns)
+    defect = "; ".join(kind.lacks(columns))
     if kind.has_torque:
         torque, speed, _ = in_direction(columns)
         if drag is not None:
@@ -370,7 +363,7 @@ def _record(
         tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R)),
         speed=kind.relative_speed(columns, R),
         temperature=columns.get("temperature_degC", np.full(columns["time_s"].size, NAN)),
-        defect="; ".join(defects),
+        defect=defect,
         kind=kind,
         result=run,
         belt_speed_m_s=belt_speed,
