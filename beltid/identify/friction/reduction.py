@@ -180,11 +180,9 @@ def reduce_records(
         _reduce_together(sliding, R, gain_rel, free_at_rest)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
-    at_rest = [run for run, _ in prepared if np.isnan(run.momentum_N)]
-    stated = [run.nominal_tension_N for run in at_rest]
-    if problem := against_stated(
-        np.array([r.initial_tension_N for r in at_rest]), np.array(stated)
-    ):
+    still = [run for run, _ in prepared if np.isnan(run.momentum_N)]
+    tensions = np.array([(run.initial_tension_N, run.nominal_tension_N) for run in still])
+    if problem := against_stated(*tensions.reshape(-1, 2).T):
         raise InputError(problem)
     return tuple(run for run, _ in prepared)
 
@@ -202,12 +200,9 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
         return ""
     found = np.array([measured - stated, measured / stated - 1.0])
-    of_levels = [[median(x[stated == level]) for level in levels] for x in found]
-    offset_N, excess = (median(np.array(of)) for of in of_levels)
-    apart = [
-        mad_sigma(of) / max(abs(middle), 1e-300)
-        for of, middle in zip(of_levels, (offset_N, excess), strict=True)
-    ]
+    of_levels = np.array([[median(x[stated == level]) for level in levels] for x in found])
+    offset_N, excess = np.median(of_levels, axis=1)
+    apart = [mad_sigma(x) / max(abs(np.median(x)), 1e-300) for x in of_levels]
     if apart[0] < apart[1]:
         is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
         remedy = (
@@ -280,15 +275,13 @@ def _set_plateau(
         factor = (x @ record.log_mean - 0.5 * prior * np.tanh(0.5 * y)) / (x @ tail + prior)
         mean = np.average(record.log_mean[start:] - factor * tail[start:], weights=count)
         tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
-    elif record.weight == "tight":
-        tight, slack = run.initial_tension_N, run.initial_tension_N * np.exp(-y)
     else:
-        tight, slack = run.initial_tension_N * np.exp(y), run.initial_tension_N
+        tight = run.initial_tension_N * np.exp(y * (record.weight == "slack"))
+        slack = tight * np.exp(-y)
     run.set_plateau(tight, slack, R)
     run.mu_sliding_se = y_se / float(np.radians(run.arc_deg))
-    finite = np.isfinite(temperature)
-    if finite.any():
-        run.temperature_degC = float(np.average(temperature[finite], weights=count[finite]))
+    if (known := np.isfinite(temperature)).any():
+        run.temperature_degC = float(np.average(temperature[known], weights=count[known]))
     run.n_samples = int(count.sum())
     run.plateau_start_s = float(record.first_s[start])
     run.notes += tuple(_notes(run, record.rest, float(tail[-1]) / y, y_se / y))
