@@ -117,15 +117,9 @@ def test_a_coarse_converter_is_not_saturated_and_rounds_its_means():
     assert np.all(prepared(**fine)[1] < 1e-6)  # noise averages over its steps
 
 
-def long_run(n):
-    """A run with white noise: at rest for a second, then sliding for eleven."""
-    plain = Recipe(peak=0.0, ripple=0.0, build_up=0.1, mu=0.47)
-    return record(plain.but(rate=n / 12.0, duration=12.0))
-
-
 def test_a_long_run_is_averaged_over_blocks():
     for n in (2 * BLOCKS - 1, 20_011):
-        c = long_run(n)
+        c = record(Recipe(peak=0.0, ripple=0.0, rate=n / 12.0, duration=12.0))
         found, _ = read_channels(recorded(**c), RunReduction())
         size = n // BLOCKS if n >= 2 * BLOCKS else 1
         counts = np.full(found.time_s.size, size)
@@ -271,17 +265,13 @@ def test_slopes_of_the_cells_at_rest_are_those_of_least_squares():
 STATED = np.repeat([50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0], 5)
 
 
-def at_rest(offset: float = 0.0, factor: float = 1.0, seed: int = 0) -> np.ndarray:
+@pytest.mark.parametrize(
+    ("offset", "factor", "remedy"),
+    [(20.0, 1.0, "tension_tight_tare_N"), (0.0, 1.0 / 4.448, "units.rig")],
+)
+def test_cells_not_tared_or_in_another_unit_are_recognised(offset, factor, remedy):
     """Set to 1 % and 1 N, two runs by mistake to something else."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     measured = offset + factor * STATED * (1.0 + 0.01 * rng.normal(size=40)) + rng.normal(size=40)
     measured[[3, 30]] += 80.0
-    return measured
-
-
-@pytest.mark.parametrize(
-    ("change", "remedy"),
-    [({"offset": 20.0}, "tension_tight_tare_N"), ({"factor": 1.0 / 4.448}, "units.rig")],
-)
-def test_cells_not_tared_or_in_another_unit_are_recognised(change: dict, remedy: str) -> None:
-    assert remedy in against_stated(at_rest(**change), STATED)
+    assert remedy in against_stated(measured, STATED)

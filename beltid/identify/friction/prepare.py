@@ -119,18 +119,12 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     speed = np.abs(channels.speed)
     turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
     keep = np.flatnonzero(np.isfinite(channels.tensions[: rotation.end]).all(axis=1))
-    t, tensions, angle = (
-        channels.time_s[keep],
-        channels.tensions[keep],
-        np.append(0.0, turned)[keep],
-    )
+    t, tensions = channels.time_s[keep], channels.tensions[keep]
     halfway = (rotation.full_speed + rotation.end) // 2
     first, full_speed, late = np.searchsorted(keep, [rotation.first, rotation.full_speed, halfway])
     rest, sliding_N = Rest(t[:first], tensions[:first], rounding_N), tensions[late:]
-    run.rest_N = (
-        rest.tension_N + 0.5 * rest.imbalance_N,
-        rest.tension_N - 0.5 * rest.imbalance_N,
-    )
+    half = 0.5 * rest.imbalance_N
+    run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
         rest.tension_N, rest.end_N, rest.end_se_N = W, W, 0.0
@@ -156,7 +150,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
             share = tensions[:, 0] / tensions.sum(axis=1)
         held = median(np.sum(sliding_N, axis=1)) * np.column_stack([share, 1.0 - share])
     built, slide = find_sliding(t, held, int(first), int(full_speed), weight)
-    temperature = channels.temperature[keep]
+    angle, temperature = np.append(0.0, turned)[keep], channels.temperature[keep]
     phases = Phases(t, held, angle - angle[first], temperature, int(first), built, slide)
     run.take_up_m = R * phases.take_up
     n = t.size - slide
