@@ -97,7 +97,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     kind, weight = record.kind, record.kind.weight
-    reject(bool(record.defect), record.defect)
+    reject(bool(run.status), run.status)
     channels, rounding_N = read_channels(record, run)
     rotation = Rotation(channels.speed)
     # valid for a running belt, too

@@ -307,9 +307,9 @@ class RunRecord:
     tensions: Array  # of the tight and the slack span [N], nan where unusable, (n, 2)
     speed: Array  # of the pulley relative to the belt [rad/s], (n,)
     temperature: Array  # [°C], nan if unknown, (n,)
-    defect: str = ""  # the channels that it lacks
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
-    result: RunReduction = field(default_factory=RunReduction)  # what is known before
+    result: RunReduction = field(default_factory=RunReduction)
+    """What is known before; its status says which channels it lacks."""
     belt_speed_m_s: float = 0.0
 
 
@@ -346,7 +346,7 @@ def _record(
     run.arc_deg, T_0, W = (float(columns[name][0]) if name in columns else NAN for name in NOMINAL)
     run.nominal_tension_N = W if kind.weight and np.isnan(T_0) else T_0
     run.torque_with, belt_speed = kind.span_beside_torque, 0.0
-    defect = "; ".join(kind.lacks(columns))
+    run.status = "; ".join(kind.lacks(columns))
     if kind.has_torque:
         torque, speed, _ = in_direction(columns)
         if drag is not None:
@@ -358,13 +358,7 @@ def _record(
         # the momentum of the belt does not load the axis
         mass = 0.0 if kind.measures == "torque_hub" else kind.mass_per_length_kg_m
         run.momentum_N = mass * belt_speed**2
-    return RunRecord(
-        time_s=columns["time_s"],
-        tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R)),
-        speed=kind.relative_speed(columns, R),
-        temperature=columns.get("temperature_degC", np.full(columns["time_s"].size, NAN)),
-        defect=defect,
-        kind=kind,
-        result=run,
-        belt_speed_m_s=belt_speed,
-    )
+    t, tensions = columns["time_s"], np.column_stack(kind.tensions(columns, run.arc_deg, R))
+    speed = kind.relative_speed(columns, R)
+    temperature = columns.get("temperature_degC", np.full(t.size, NAN))
+    return RunRecord(t, tensions, speed, temperature, kind, run, belt_speed)
