@@ -105,7 +105,7 @@ def test_coarse_converters_round_the_level():
 
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
-    bench = Bench([record], log_settings([record])[0], np.zeros(3))
+    bench = Bench([record], log_settings([record])[0])
     A = bench.A
     sizes = {"walk": 0.3, "turn": 2e-4, "height": 0.15, "length": 0.1, "own decay": 3e-3}
     short = {f"memory {tau:g} s": 0.1 for tau in MEMORIES_S[:-1]}

@@ -25,6 +25,7 @@ why they are as they are: docs/theory.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -90,7 +91,7 @@ class Bench:
 
     posterior: Posterior
 
-    def __init__(self, records: Sequence[SlidingRecord], centre: Array, powers: Array) -> None:
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
@@ -140,7 +141,7 @@ class Bench:
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
-        self.powers, self.A, self.scale = powers, np.exp(self.eta), np.ones(R)
+        self.powers, self.A, self.scale = np.zeros(3), np.exp(self.eta), np.ones(R)
 
     def tails(self) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
@@ -265,21 +266,23 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     settings = log_settings(records)
     centre = settings.mean(axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
-    clocks = [np.zeros(3)]
+    some = Bench([records[i] for i in chosen], centre)
+    several = [some]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
-        clocks.append(np.array([1.0, 0.0, 0.0]))
-    several = [Bench([records[i] for i in chosen], centre, powers) for powers in clocks]
+        several.append(copy(some))
+        several[1].powers = np.array([1.0, 0.0, 0.0])
     for some in several:  # slow noise from above: a size that is too small has no slope
         some.search(
             {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}, FIRST_STEPS
         )
     some = max(several, key=lambda some: some.posterior.log_evidence)
     some.search(some.posterior.sizes, STEPS)
-    bench, sizes = Bench(records, centre, some.powers), some.posterior.sizes
-    bench.A = some.A
+    sizes, converged = some.posterior.sizes, some.posterior.converged
+    bench = some if len(chosen) == len(records) else Bench(records, centre)
+    bench.powers, bench.A, bench.scale = some.powers, some.A, np.ones(len(records))
     for _ in range(2):
         bench.update(sizes)
-    bench.posterior = replace(bench.model().at(sizes), converged=some.posterior.converged)
+    bench.posterior = replace(bench.model().at(sizes), converged=converged)
     return bench
 
 
