@@ -117,8 +117,8 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array, dict[str, o
     config: dict[str, object] = {"rig": {"pulley_radius_m": virtual_rig.RADIUS_M}}
     if name.startswith("rigdata"):
         return (*_of_rigdata(name, n, seed), config)
-    drawn = virtual_rig.draw(name.removesuffix(" *"), n, seed)
-    return pd.DataFrame(drawn.columns), drawn.mu, config
+    columns, mu = virtual_rig.draw(name.removesuffix(" *"), n, seed)
+    return pd.DataFrame(columns), mu, config
 
 
 def _of_rigdata(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:

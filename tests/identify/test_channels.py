@@ -9,13 +9,8 @@ import numpy as np
 import pytest
 from virtual_rig import Recipe, record
 
-from beltid.identify.friction.channels import (
-    BLOCKS,
-    against_stated,
-    find_rotation,
-    read_channels,
-    rest_state,
-)
+from beltid.identify.friction.prepare import BLOCKS, Rest, Rotation, read_channels
+from beltid.identify.friction.reduction import against_stated
 from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 
 N, FIRST = 200, 50
@@ -43,7 +38,7 @@ def recorded(time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s, tempe
 def prepared(**changed):
     """The usable channels, and the result with the counts."""
     run = RunReduction()
-    return read_channels(recorded(**{**columns(), **changed}), run), run
+    return *read_channels(recorded(**{**columns(), **changed}), run), run
 
 
 def limit(fine, message):
@@ -57,14 +52,15 @@ def test_gaps_and_spikes_are_counted_once_each():
     tight[[60, 61]], slack[[61, 70]] = np.nan, 0.0
     tight[100], slack[[100, 120]] = tight[100] + 40.0, slack[[100, 120]] - 30.0
     speed[[10, 11, 170]] = -9999.0, 9.9e37, np.inf  # marks of an overflow
-    found, run = prepared(**c, temperature=np.arange(float(N)))
+    found, rounding_N, run = prepared(**c, temperature=np.arange(float(N)))
     assert run.n_spikes == 2  # samples 100 and 120
     assert run.n_missing == 3  # samples 60, 61 and 70
     assert found.time_s.size == N
-    assert np.flatnonzero(~found.usable).tolist() == [60, 61, 70, 100, 120]
+    usable = np.isfinite(found.tensions).all(axis=1)
+    assert np.flatnonzero(~usable).tolist() == [60, 61, 70, 100, 120]
     assert found.temperature[150] == 150.0
     assert found.speed.tolist() == [0.0] * FIRST + [0.2] * (N - FIRST)
-    assert not found.rounding_N.any()
+    assert not rounding_N.any()
 
 
 LOST = np.random.default_rng(0).permutation(N)
@@ -114,23 +110,17 @@ def test_a_cell_at_one_extreme_for_a_twentyfifth_of_the_sliding_is_saturated(
 
 def test_a_coarse_converter_is_not_saturated_and_rounds_its_means():
     c = columns(1)
-    found, _ = prepared(**{name: 3.0 * np.round(c[name] / 3.0) for name in (TIGHT, SLACK)})
+    _, rounding_N, _ = prepared(**{name: 3.0 * np.round(c[name] / 3.0) for name in (TIGHT, SLACK)})
     # without noise a uniform distribution as wide as a step
-    assert np.all((found.rounding_N > 0.5) & (found.rounding_N <= 3.0 / np.sqrt(12.0)))
+    assert np.all((rounding_N > 0.5) & (rounding_N <= 3.0 / np.sqrt(12.0)))
     fine = {name: np.round(c[name], 1) for name in (TIGHT, SLACK)}
-    assert np.all(prepared(**fine)[0].rounding_N < 1e-6)  # noise averages over its steps
-
-
-def long_run(n):
-    """A run with white noise: at rest for a second, then sliding for eleven."""
-    plain = Recipe(peak=0.0, ripple=0.0, build_up=0.1, mu=0.47)
-    return record(plain.but(rate=n / 12.0, duration=12.0))
+    assert np.all(prepared(**fine)[1] < 1e-6)  # noise averages over its steps
 
 
 def test_a_long_run_is_averaged_over_blocks():
     for n in (2 * BLOCKS - 1, 20_011):
-        c = long_run(n)
-        found = read_channels(recorded(**c), RunReduction())
+        c = record(Recipe(peak=0.0, ripple=0.0, rate=n / 12.0, duration=12.0))
+        found, _ = read_channels(recorded(**c), RunReduction())
         size = n // BLOCKS if n >= 2 * BLOCKS else 1
         counts = np.full(found.time_s.size, size)
         counts[-1] = n - counts[:-1].sum()
@@ -157,18 +147,17 @@ def test_rotation_of_a_clean_record(unit):
     # so long that no difference but zero counts for its noise
     speed = speed_record(full=2000)
     speed[1620:2120] = 0.204
-    found = find_rotation(unit * speed)
+    found = Rotation(unit * speed)
     # the ramp begins at 1/21 of the top, above 3 %, and ends at 20/21, below 97 %
     assert (found.first, found.full_speed, found.end) == (100, 120, 2120)
-    assert found.reversed == (unit < 0)
-    assert found.speed_rad_s == pytest.approx(0.2 * abs(unit), rel=0.021)
+    assert found.speed_rad_s == pytest.approx(0.2 * unit, rel=0.021)
 
 
 def test_noise_at_rest_is_no_rotation_and_noise_at_speed_no_end_of_it():
     rng = np.random.default_rng(0)
     speed = speed_record(rest=200, ramp=40, full=400, after=0)
     speed += rng.normal(0.0, 0.004, speed.size)
-    found = find_rotation(speed)
+    found = Rotation(speed)
     # four medians of |noise|, doubled: 8 * 0.67 * 0.004 = 0.022 rad/s, 4.5 samples of the ramp
     assert 202 <= found.first <= 208
     assert 232 <= found.full_speed <= 242
@@ -179,7 +168,7 @@ def test_noise_at_rest_is_no_rotation_and_noise_at_speed_no_end_of_it():
 def test_the_first_rotation_counts_if_it_is_no_jerk(full, counts):
     """A fifth as long as the longest one of 218 samples above a tenth of the speed."""
     first = speed_record(full=full, ramp=20, after=40)
-    found = find_rotation(np.concatenate([first, speed_record(top=0.2, rest=50)]))
+    found = Rotation(np.concatenate([first, speed_record(top=0.2, rest=50)]))
     begin = 100 if counts else first.size + 50
     end = 100 + 20 + full if counts else first.size + 50 + 220
     assert (found.first, found.end) == (begin, end)
@@ -192,7 +181,7 @@ def test_a_rotation_is_found_after_any_rest(turning, fine):
     speed[20_000 - turning - 40 : 20_000 - 40] += 60.0
     speed[5000:5004] = 900.0 if fine else 0.0  # a glitch is no rotation
     with limit(fine, "turns"):
-        found = find_rotation(speed)
+        found = Rotation(speed)
         assert (found.first, found.end) == (19_960 - turning, 19_960)
 
 
@@ -200,15 +189,16 @@ def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():
     for jerk, first in ((-0.05, 100), (0.05, 97)):
         speed = speed_record(ramp=0)
         speed[97:100] = jerk
-        assert find_rotation(speed).first == first
+        assert Rotation(speed).first == first
 
 
 # --- rest ---
 
 
 def state(tight, slack, rounding_N=0.0):
-    t = 0.02 * np.arange(tight.size)
-    return rest_state(t, np.column_stack([tight, slack]), rounding_N)
+    usable = np.isfinite(tight - slack)
+    t = 0.02 * np.flatnonzero(usable)
+    return Rest(t, np.column_stack([tight, slack])[usable], rounding_N)
 
 
 def resting(n=200, tension=270.0, imbalance=4.0, noise=0.5, seed=0):
@@ -275,17 +265,13 @@ def test_slopes_of_the_cells_at_rest_are_those_of_least_squares():
 STATED = np.repeat([50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0], 5)
 
 
-def at_rest(offset: float = 0.0, factor: float = 1.0, seed: int = 0) -> np.ndarray:
+@pytest.mark.parametrize(
+    ("offset", "factor", "remedy"),
+    [(20.0, 1.0, "tension_tight_tare_N"), (0.0, 1.0 / 4.448, "units.rig")],
+)
+def test_cells_not_tared_or_in_another_unit_are_recognised(offset, factor, remedy):
     """Set to 1 % and 1 N, two runs by mistake to something else."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     measured = offset + factor * STATED * (1.0 + 0.01 * rng.normal(size=40)) + rng.normal(size=40)
     measured[[3, 30]] += 80.0
-    return measured
-
-
-@pytest.mark.parametrize(
-    ("change", "remedy"),
-    [({"offset": 20.0}, "tension_tight_tare_N"), ({"factor": 1.0 / 4.448}, "units.rig")],
-)
-def test_cells_not_tared_or_in_another_unit_are_recognised(change: dict, remedy: str) -> None:
-    assert remedy in against_stated(at_rest(**change), STATED)
+    assert remedy in against_stated(measured, STATED)

@@ -1,7 +1,6 @@
 """What the cells show at rest: zeros are corrected, friction held in the belt is not an error.
 
-The runs follow from a closed form, T = T0 exp(±z/2): z is the friction held until the pulley turns
-and goes over into mu beta.
+Friction is held until the pulley turns and goes over into mu beta.
 """
 
 from __future__ import annotations
@@ -11,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden import benches
 
 import beltid
 
-MU, BETA_DEG, RADIUS_M, REST_S = 0.8, 82.0, 0.05, 1.0
+MU, BETA_DEG = 0.8, 82.0
 TENSIONS = np.tile([60.0, 120.0, 200.0, 300.0, 450.0], 4)
-UP = np.array([0.5, -0.5])[:, None, None]
-"""Halves of a difference of the tight and the slack cell."""
+CELLS = ["tension_tight_N", "tension_slack_N"]
 
 
 def bench(
@@ -32,24 +31,16 @@ def bench(
 
     The columns name the cells: in a reversed run the tight span pulls at the slack cell.
     """
-    rng = np.random.default_rng(5)
-    initial, t = TENSIONS[:n], np.arange(300) / 50.0
-    built = 1.0 - np.exp(-np.maximum(t - REST_S, 0.0) / 0.05)
-    z = held * (1.0 - built) + MU * np.radians(BETA_DEG) * built
-    back = reversed_runs * (np.arange(n) % 2)[:, None]
-    z = np.where(back, -z, z)
-    tensions = initial[:, None] * np.exp(UP * z)
-    cells = tensions * (1.0 + UP * gain) + UP * np.broadcast_to(zero_N, n)[:, None]
-    cells = cells + 0.3 * rng.normal(size=cells.shape)
-    return {
-        "run": np.repeat([f"R{k:02d}" for k in range(n)], t.size),
-        "time_s": np.tile(t, n),
-        "tension_tight_N": cells[0].ravel(),
-        "tension_slack_N": cells[1].ravel(),
-        "pulley_speed_rad_s": np.tile(np.where(t >= REST_S, 0.2, 0.0), n),
-        "arc_deg": np.full(cells[0].size, BETA_DEG),
-        "initial_tension_N": np.repeat(initial, t.size),
-    }
+    setting = {"arcs_deg": (BETA_DEG,), "tensions_N": TENSIONS[:n], "speeds_rad_s": (0.2,)}
+    rig = benches.Rig(**setting, mu=lambda force, speed: MU, held=held)
+    frame = rig.recording()[benches.CELLS]
+    run = frame["run"].str[1:].astype(int).to_numpy() - 1
+    back = reversed_runs & (run % 2 == 1)
+    frame.loc[back, CELLS] = frame.loc[back, CELLS[::-1]].to_numpy()
+    zeros = np.broadcast_to(zero_N, n)[run]
+    for name, half in zip(CELLS, (0.5, -0.5), strict=True):
+        frame[name] = frame[name] * (1.0 + half * gain) + half * zeros
+    return {name: frame[name].to_numpy() for name in frame}
 
 
 def reduced(
@@ -57,7 +48,7 @@ def reduced(
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Outcome of `fit-friction`, errors of mu and their standard errors, both relative."""
     config = {
-        "rig": {"pulley_radius_m": RADIUS_M},
+        "rig": {"pulley_radius_m": benches.R},
         "friction": {"free_at_rest": free},
         "uncertainty": uncertainty,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +19,7 @@ from beltid.identify.friction.bench_model import (
     fit_bench,
     log_settings,
 )
-from beltid.identify.friction.channels import SlidingPhase, rest_state
-from beltid.identify.friction.prepare import block_starts, sliding_record
+from beltid.identify.friction.prepare import Phases, Rest, SlidingRecord, block_starts
 from beltid.mixed import root
 
 # --- noise of block means ---
@@ -63,7 +62,7 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.15 * starts[1:-1]))
 
 
-AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
+AT_REST = Rest(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
 
 
 def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight=None):
@@ -74,8 +73,8 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
-    phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, np.array(rounding_N), weight, 0.05)
+    phase = Phases(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
+    record = SlidingRecord(phase, AT_REST, np.array(rounding_N), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -88,7 +87,7 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
     assert record.noise_N == pytest.approx(0.5, rel=0.15)
     assert record.unrest_N == pytest.approx(0.5, rel=0.15)
-    assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
+    assert np.exp(log_settings([record])[0, 0]) == pytest.approx(0.01, rel=0.01)
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
@@ -112,10 +111,10 @@ def test_coarse_converters_round_the_level():
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
     bench = Bench([record], log_settings([record])[0])
-    A = np.exp(bench.eta)
+    A = bench.A
     sizes = {"walk": 0.3, "turn": 2e-4, "height": 0.15, "length": 0.1, "own decay": 3e-3}
     short = {f"memory {tau:g} s": 0.1 for tau in MEMORIES_S[:-1]}
-    found = bench.model(np.zeros(3), A).at({**sizes, **short, "white": 1.0})
+    found = bench.model().at({**sizes, **short, "white": 1.0})
     c, rest = record.sensitivity, record.rest
     V = c**2 * np.diag(record.noise_N**2 / record.count)
     blocks = (record.first_s, record.last_s, record.count)
@@ -135,7 +134,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     V += own * [0.15**2, 0.1**2] @ own.T
     one = np.ones(record.z.size)
     precision = one @ np.linalg.solve(V, one)
-    residual = record.z - c * bench.model(np.zeros(3), A).X[0, 2:] @ found.mean
+    residual = record.z - c * bench.model().X[0, 2:] @ found.mean
     assert found.level[0] == pytest.approx(one @ np.linalg.solve(V, residual) / precision, rel=1e-9)
     assert found.level_variance[0] == pytest.approx(1.0 / precision, rel=1e-9)
 
@@ -150,8 +149,8 @@ def several(n_runs, noise):
         z = level * (1.0 + 0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
         tensions = math.sqrt(6e4) * np.exp(np.outer(z, [0.5, -0.5]))
         tensions += noise * rng.normal(size=tensions.shape)
-        phase = SlidingPhase(t, tensions, 20 * x, np.full(411, 22.0), first=0, built=9, slide=11)
-        records.append(sliding_record(phase, AT_REST, np.zeros(2), None, 0.05))
+        phase = Phases(t, tensions, 20 * x, np.full(411, 22.0), first=0, built=9, slide=11)
+        records.append(SlidingRecord(phase, AT_REST, np.zeros(2), None, 0.05))
     return records, level
 
 
@@ -162,11 +161,9 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     true = level * (0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
     # travel counts from the end of the build-up, a ninth further than its nine tenths
     shift = 0.01 * 0.02 * 9 / 0.9
-    for at, tail in zip(x - shift, true, strict=True):
-        z, error = found.at(0, float(at))
-        assert abs(z - level - tail) < 3.0 * error
-        assert found.tail(0, np.array([at]))[0] == pytest.approx(z - found.posterior.level[0])
-        assert error < 3e-3
+    z, error = found.course(0, x - shift)
+    assert np.all(np.abs(z - level - true) < 3.0 * error)
+    assert np.all(error < 3e-3)
     # what runs share is split into tail and drifts without loss
     columns = found.posterior.level_shift @ root(found.posterior.covariance)
     np.testing.assert_allclose(np.sum(found.shared**2, axis=1), np.sum(columns**2, axis=1))
@@ -176,23 +173,28 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
 def test_noise_at_rest_is_slow_beyond_three_times_that_of_the_sliding(times, counts):
     records, _ = several(3, 0.1)
     typical_N = Bench(records, log_settings(records)[0]).typical_N
-    se = times * typical_N * math.sqrt(records[0].count.sum() / (0.5 * AT_REST.n_samples))
-    loud = [replace(r, rest=replace(r.rest, imbalance_se_N=se)) for r in records]
-    slow_N = Bench(loud, log_settings(loud)[0]).slow_N
+    rest = copy(AT_REST)
+    rest.imbalance_se_N = (
+        times * typical_N * math.sqrt(records[0].count.sum() / (0.5 * AT_REST.n_samples))
+    )
+    for record in records:
+        record.rest = rest
+    slow_N = Bench(records, log_settings(records)[0]).slow_N
     assert slow_N == pytest.approx(times * typical_N if counts else typical_N, rel=1e-3)
 
 
 def test_errors_of_the_cells_change_sign_with_the_cells_and_scale_with_the_force():
     tension = np.array([80.0, 130.0, 210.0, 300.0, 410.0])
     zero = 1.5 + np.random.default_rng(2).normal(scale=0.2, size=5)
-    runs = [SimpleNamespace(swapped=False)] * 5
 
     def errors(sign, unit):
+        runs = [SimpleNamespace(swapped=False, notes=()) for _ in tension]
         ends = []
         for T, D in zip(unit * tension, sign * unit * zero, strict=True):
             rest = SimpleNamespace(tension_N=T, imbalance_N=D, imbalance_se_N=0.02 * unit)
             ends.append(SimpleNamespace(rest=rest, tensions_N=(1.7 * T, 0.6 * T)))
-        return np.array(cell_errors(runs, ends, np.full(5, 1.04), np.full(5, 1e-3))[:4])
+        found = cell_errors(runs, ends, np.full(5, 1.04), np.full(5, 1e-3))
+        return np.array([*found, [run.held for run in runs]])
 
     first = errors(1.0, 1.0)  # with the cells, all but the variance change their signs
     np.testing.assert_allclose(errors(-1.0, 1.0).T, first.T * [-1, 1, -1, -1], rtol=1e-3, atol=1e-8)

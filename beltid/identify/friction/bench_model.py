@@ -25,7 +25,8 @@ why they are as they are: docs/theory.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -75,34 +76,38 @@ def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Arr
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
     """Return ln of the settings that may affect the length of the tail (R, 3)."""
-    return np.log([[r.speed_m_s, np.sqrt(np.prod(r.tensions_N)), r.level] for r in records])
+    speeds = [np.ptp(r.travel) / max(np.ptp(r.middle_s), 1e-12) for r in records]
+    tensions = [np.sqrt(np.prod(r.tensions_N)) for r in records]
+    return np.log(np.column_stack([speeds, tensions, [r.level for r in records]]))
 
 
 class Bench:
-    """Records as arrays of the model, over the sensitivity c: newtons at a cell.
+    """Runs of a bench and what they share; z of run k after its tail is `posterior.level`.
 
-    A run has as many rows as the longest record, and two for the slopes at rest.
+    Arrays are those of the model, over the sensitivity c: newtons at a cell. A run has as many
+    rows as the longest record, and two for the slopes at rest. `powers` are those of the settings
+    in the length of the tail, `A` is its spectrum, `scale` the noise of each run over the bench's.
     """
+
+    posterior: Posterior
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
         self.c = np.array([r.sensitivity for r in records])
-        self.T0 = float(np.median([r.rest.tension_N for r in records]))
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
         self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
-        middle_level = np.median(self.level)
+        middle_level, T0 = np.median(self.level), np.median([r.rest.tension_N for r in records])
         for i, r in enumerate(records):
             b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
-            unit = r.level / c
-            mid = 0.5 * (r.first_s + r.last_s)
+            unit, mid = r.level / c, r.middle_s
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
             since_rest = mid - 0.5 * (rest.first_s + rest.last_s)
-            self.zeros[i, b] = np.outer(since_rest, r.zero_shifts / c)
+            self.zeros[i, b] = np.outer(since_rest, T0 * r.zero_shifts / c)
             # if friction drifts, mu_sliding is that of the middle of the second half of the run
             elapsed = (mid - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.drift[i, b, 0] = unit * (elapsed - 0.75)
@@ -123,7 +128,7 @@ class Bench:
             # difference and sum of the slopes at rest, in units of their errors
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
-            self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.zeros[i, :2] = T0 * np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
         n = np.array([r.count.sum() for r in records])
@@ -132,28 +137,29 @@ class Bench:
         at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
         slow_N = float(np.median(at_rest / np.sqrt(n)))
         self.slow_N = slow_N if slow_N > SLOW * self.typical_N else self.typical_N
-        longest = max(float(r.travel[-1]) for r in records)
-        log_l = np.log(LENGTHS_M)
+        log_l, longest = np.log(LENGTHS_M), max(float(r.travel[-1]) for r in records)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
+        self.powers, self.A, self.scale = np.zeros(3), np.exp(self.eta), np.ones(R)
 
-    def tail(self, powers: Array) -> tuple[Array, Array]:
+    def tails(self) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
-        u = self.travel[..., None] / (LENGTHS_M * np.exp(self.settings @ powers)[:, None, None])
+        lengths = LENGTHS_M * np.exp(self.settings @ self.powers)[:, None, None]
+        u = self.travel[..., None] / lengths
         columns = np.exp(-u) * (self.one * self.level[:, None])[..., None]
         return columns, u * columns
 
-    def model(self, powers: Array, A: Array, scale: Array | float = 1.0) -> Mixed:
+    def model(self) -> Mixed:
         """Return the model, linear in the powers, with runs' own tails about the spectrum A."""
-        columns, slopes = self.tail(powers)
-        height, length = columns @ A, slopes @ A
+        columns, slopes = self.tails()
+        height, length = columns @ self.A, slopes @ self.A
+        by_power = length[..., None] * self.settings[:, None]
         typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
-        zeros = [(s * self.T0, p) for s, p in ZEROS]
         shared = [
             Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
-            Shared("powers", length[..., None] * self.settings[:, None], Size(POWER), mean=-powers),
-            Shared("zeros", self.zeros, choices=zeros),
+            Shared("powers", by_power, Size(POWER), mean=-self.powers),
+            Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
             Shared("release", self.rest[..., :1], choices=RELEASE),
@@ -173,33 +179,36 @@ class Bench:
             Own("length", Size(0.10, 1.0), columns=length),
             Own("rest", Size(1e-6, 2.0), columns=self.rest),
         ]
-        return Mixed(self.y, shared, own, level=self.one, scale=scale)
+        return Mixed(self.y, shared, own, level=self.one, scale=self.scale)
 
+    def update(self, sizes: Mapping[str, float]) -> Posterior:
+        """Improve spectrum and noise: a restless run gets less weight, none is set aside."""
+        posterior = self.model().at(sizes)
+        freedom = np.sum(self.one > 0.0, axis=1) - 2.0
+        found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
+        self.A, self.scale = posterior.of("tail")[0], np.asarray(found / np.median(found))
+        return posterior
 
-@dataclass(frozen=True, eq=False)
-class BenchFit:
-    """The runs of a bench and what they share; z of run k after its tail is `posterior.level`."""
+    def search(self, sizes: Mapping[str, float], steps: int) -> None:
+        """Improve the shape of the tail and the noise of the runs, then the sizes."""
+        for _ in range(2):
+            powers = self.powers + self.update(sizes).of("powers")[0]
+            self.powers = np.clip(powers, -1.5, 1.5)
+        self.posterior = self.model().fit(start=sizes, steps=steps, tolerance=1e-6)
 
-    bench: Bench
-    posterior: Posterior
-    powers: Array  # of the settings in the length of the tail
-    A: Array  # spectrum
-    scale: Array  # noise variance of each run over that of the bench, (R,)
-    converged: bool  # whether the search for the sizes ended
-
-    def _exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
-        """Return exponentials of run k in z, and its tail with the slope by ln of its length."""
-        u = travel[:, None] / (LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers))
-        columns = self.bench.level[k] * np.exp(-u)
-        return columns, np.column_stack([columns @ self.A, (u * columns) @ self.A])
+    def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return columns of z of run k: exponentials and slow decays, and its own effects."""
+        u = travel[:, None] / (LENGTHS_M * np.exp(self.settings[k] @ self.powers))
+        columns, slow = np.exp(-u), self.records[k].slow_decays(travel)
+        own = np.column_stack([columns @ self.A, (u * columns) @ self.A, slow])
+        return self.level[k] * np.column_stack([columns, slow]), self.level[k] * own
 
     @cached_property
     def _own(self) -> tuple[Array, Array, Array]:
-        """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
-        p, bench = self.posterior, self.bench
-        columns, slopes = bench.tail(self.powers)
-        Z = np.stack([columns @ self.A, slopes @ self.A], axis=2)
-        S = np.diag([p.sizes["height"] ** 2, p.sizes["length"] ** 2])
+        """Own tails and decays: mean (R, 6), covariance, and that with the level."""
+        p, tails = self.posterior, np.stack(self.tails(), axis=2) @ self.A
+        Z = np.concatenate([tails, self.decay], axis=2)
+        S = np.diag([p.sizes[name] ** 2 for name in ("height", "length", *["own decay"] * 4)])
         PZ = p.P @ Z
         mean = np.einsum("rij,ri->rj", PZ, p.residual) @ S
         covariance = S - S @ (Z.transpose(0, 2, 1) @ PZ) @ S
@@ -208,20 +217,22 @@ class BenchFit:
 
     def tail(self, k: int, travel: Array) -> Array:
         """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
-        own = self._exponentials(k, travel)[1]
-        return np.asarray(own[:, 0] + own @ self._own[0][k])
+        shared, own = self._decays(k, travel)
+        return np.asarray(shared[:, : self.A.size] @ self.A + own[:, :2] @ self._own[0][k, :2])
 
-    def at(self, k: int, travel: float) -> tuple[float, float]:
-        """Return z of the model of run k and its error at such a travel [m]."""
-        p, (columns, (h,)) = self.posterior, self._exponentials(k, np.array([travel]))
+    def course(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return z of run k with tail and slow decays at such travels [m], and its errors (n,)."""
+        p, places = self.posterior, self.posterior.model.places
+        shared, own = self._decays(k, travel)
         mean, covariance, lean = (part[k] for part in self._own)
-        variance = p.level_variance[k] - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        z = p.level[k] + shared @ np.append(self.A, p.of("decay")[0]) + own @ mean
+        variance = p.level_variance[k] - 2.0 * own @ lean + np.sum(own @ covariance * own, axis=1)
         # an error of what all runs share moves level and tail together
-        change = -p.level_shift[k]
-        change[p.model.places["tail"]] += columns[0]
-        common = float(change @ p.covariance @ change)
-        z = float(p.level[k] + h[0] + h @ mean)
-        return z, float(np.sqrt(max(variance, 0.0) + common))
+        change = np.tile(-p.level_shift[k], (travel.size, 1))
+        change[:, places["tail"]] += shared[:, : self.A.size]
+        change[:, places["decay"]] += shared[:, self.A.size :]
+        common = np.sum(change @ p.covariance * change, axis=1)
+        return z, np.sqrt(np.maximum(variance, 0.0) + common)
 
     @property
     def shared(self) -> Array:
@@ -238,64 +249,41 @@ class BenchFit:
         return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
 
     @property
-    def drift(self) -> Array:
+    def visible_drift(self) -> Array:
         """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
-        p, bench = self.posterior, self.bench
+        p = self.posterior
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
-        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * bench.memory[-2]
-        slow = slow + p.sizes["walk"] ** 2 * bench.memory[-1]
-        wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
-        last = bench.one.shape[1] - 1 - np.argmax(bench.one[:, ::-1] > 0.0, axis=1)
-        change = np.take_along_axis(wander, last[:, None], axis=1)[:, 0] - wander[:, 2]
-        return np.asarray(change + p.of("drift")[0][0] * bench.level)
+        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * self.memory[-2]
+        slow = slow + p.sizes["walk"] ** 2 * self.memory[-1]
+        wander = np.einsum("rij,rj->ri", slow, Pe) * self.c[:, None]
+        last = [r.z.size + 1 for r in self.records]
+        change = wander[np.arange(len(last)), last] - wander[:, 2]
+        return np.asarray(change + p.of("drift")[0][0] * self.level)
 
 
-def noise_scale(bench: Bench, posterior: Posterior) -> Array:
-    """Estimate the noise of the runs: a restless run gets less weight, none is set aside."""
-    freedom = np.sum(bench.one > 0.0, axis=1) - 2.0
-    found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
-    return np.asarray(found / np.median(found))
-
-
-def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
+def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     """Fit sizes to some runs, then levels and common effects to all."""
     settings = log_settings(records)
     centre = settings.mean(axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
     some = Bench([records[i] for i in chosen], centre)
-    clocks = [np.zeros(3)]
+    several = [some]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
-        clocks.append(np.array([1.0, 0.0, 0.0]))
-    turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}, FIRST_STEPS) for powers in clocks]
-    powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
-    powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
-    sizes, converged, scale = found.sizes, found.converged, np.ones(len(records))
+        several.append(copy(some))
+        several[1].powers = np.array([1.0, 0.0, 0.0])
+    for some in several:  # slow noise from above: a size that is too small has no slope
+        some.search(
+            {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}, FIRST_STEPS
+        )
+    some = max(several, key=lambda some: some.posterior.log_evidence)
+    some.search(some.posterior.sizes, STEPS)
+    sizes, converged = some.posterior.sizes, some.posterior.converged
     bench = some if len(chosen) == len(records) else Bench(records, centre)
+    bench.powers, bench.A, bench.scale = some.powers, some.A, np.ones(len(records))
     for _ in range(2):
-        found = bench.model(powers, A, scale).at(sizes)
-        A, scale = found.of("tail")[0], noise_scale(bench, found)
-    found = bench.model(powers, A, scale).at(sizes)
-    return BenchFit(bench, found, powers, A, scale, converged)
-
-
-def _turn(
-    bench: Bench,
-    powers: Array,
-    A: Array,
-    scale: Array | float,
-    sizes: Mapping[str, float],
-    steps: int,
-) -> tuple[Array, Array, Array | float, Posterior]:
-    """Improve the shape of the tail and the noise of the runs, then the sizes."""
-    # slow noise from above: a size that is too small has no slope
-    sizes = sizes or {f"memory {tau:g} s": 3.0 * bench.slow_N for tau in MEMORIES_S[:-1]}
-    for _ in range(2):
-        posterior = bench.model(powers, A, scale).at(sizes)
-        powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
-        A = posterior.of("tail")[0]
-        scale = noise_scale(bench, posterior)
-    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-6)
-    return powers, A, scale, found
+        bench.update(sizes)
+    bench.posterior = replace(bench.model().at(sizes), converged=converged)
+    return bench
 
 
 CELL_ZEROS = ((1e-5, 0.5), (3e-4, 0.125), (1e-3, 0.125), (3e-3, 0.125), (1e-2, 0.125))
@@ -316,14 +304,14 @@ def cell_errors(
     level_se: Array,
     gain_rel: float = 2e-3,
     free_at_rest: bool = False,
-) -> tuple[Array, Array, Array, Array, list[str]]:
-    """Estimate the errors (S4) of runs with their rest and their sliding.
+) -> tuple[Array, Array, Array]:
+    """Estimate the errors (S4) of runs with their rest and their sliding; set `held` and notes.
 
     `level` and `level_se` (R,) are ln(T_tight/T_slack) while sliding and its standard error,
     `gain_rel` the stated standard uncertainty of the gain of a cell; the belt may be `free_at_rest`
     of friction. Returns, of ln(T_tight/T_slack), the correction to subtract, the variance of its
-    part that is independent between runs, the standard deviation, with sign, of what all share; the
-    difference at rest that zeros and gains do not explain, as a share of the tension; notes (R,).
+    part that is independent between runs, and the standard deviation, with sign, of what all share
+    (R,). `held` is the difference at rest that zeros and gains do not explain, over the tension.
     """
     T, D, se = np.array(
         [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
@@ -366,8 +354,11 @@ def cell_errors(
     mean = d * (q * zeros + gain)
     variance = own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2)
     common = np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1)
-    notes = [_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)]
-    return mean, variance, common, (D - d * (zeros + gain * T)) / T, notes
+    held_shares = (D - d * (zeros + gain * T)) / T
+    for run, share, zero_N, T_0 in zip(runs, held_shares.tolist(), zeros, T, strict=True):
+        run.held = share
+        run.notes += _notes(zero_N, T_0, zeta, own_zero_N, gain)
+    return mean, variance, common
 
 
 def _gain_by_directions(
@@ -401,7 +392,9 @@ def _gain_by_directions(
     return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def _note(zero_N: float, tension_N: float, zeta: float, wander: float, gain: float) -> str:
+def _notes(
+    zero_N: float, tension_N: float, zeta: float, wander: float, gain: float
+) -> tuple[str, ...]:
     """Describe the errors of the cells if they are large."""
     found = []
     if min(abs(zeta) + wander, abs(zero_N)) > NOTED * tension_N:
@@ -409,4 +402,4 @@ def _note(zero_N: float, tension_N: float, zeta: float, wander: float, gain: flo
         found.append(f"the zero points of the cells differ by {zeta:+.3g} N over all runs{own}")
     if abs(gain) > NOTED:
         found.append(f"the gains of the cells differ by {100 * gain:+.3g} %")
-    return f"{'; '.join(found)}: corrected" if found else ""
+    return (f"{'; '.join(found)}: corrected",) if found else ()

@@ -1,6 +1,10 @@
-"""Prepare each run alone (first pass): condense its recording to the data the campaign needs.
+"""Prepare each run alone: clean its channels, find its phases, condense its sliding.
 
-The quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of both tensions,
+Samples keep their place in time; unusable ones (gaps, spikes) become nan and are counted, and a
+dead or saturated cell rejects the run. A long run is averaged over blocks, which preserve the mean
+and its noise. All thresholds of the rotation are relative to the speed that the pulley reaches.
+
+The sliding is condensed to z = ln(T_tight/T_slack), linearised about the smooth course m of both,
 
     z = ln(m_t/m_s) + (T_t/m_t - 1) - (T_s/m_s - 1),                                         (S1)
 
@@ -14,26 +18,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from beltid.identify.estimators import (
     NOISE_FLOOR,
     block_means,
     difference_sigma,
+    integrated_autocorrelation_time,
     line_columns,
     mad_sigma,
     median,
+    outlier_mask,
+    resolution,
+    rounding_of_mean,
+    running_median,
+    spike_mask,
     strongest_line,
 )
-from beltid.identify.friction.channels import (
-    Rest,
-    SlidingPhase,
-    find_rotation,
-    read_channels,
-    rest_state,
-    sliding_phase,
-)
 from beltid.identify.friction.run import (
+    PERFECT,
     SPANS,
     RunRecord,
     RunReduction,
@@ -46,16 +49,39 @@ from beltid.laws.capstan import sliding_speed
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
-SPEED_CHANGE_NOTED = 0.02
-SPEED_CHANGE_ALLOWED = 0.2
+MAX_MISSING = 0.3  # largest share of the samples that may be missing or not positive
+CLIPPED, FEWEST_CLIPPED = 0.04, 4
+"""Share, and number, of the samples near an extreme that are equal to it in a saturated cell."""
+NOISY = 0.3  # share of the samples at which a noisy signal turns; white noise turns at two of three
+SPIKE = 6.0  # distance from the neighbours above which a sample is a spike, in standard deviations
+LARGEST_N = 1e12
+"""Readings beyond this are invalid [N]: no cell reaches them, and their squares overflow."""
+MARKED = 10.0
+"""Ratio to its neighbours and to nearly all samples above which a speed is an overflow mark."""
+LEAST_ANSWER = 0.02  # smallest change of a cell relative to the change of the other one
+BLOCKS = 4096  # number of blocks that a run of more than twice as many samples is averaged over
+FEWEST_BUILT = 3  # fewest samples of the build-up that show its travel
+FEWEST_TURNING = 20
+"""Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
+FEWEST_REST, FEWEST_SLIDING = 3, 12  # usable samples before the pulley turns, and of sliding
+NEAR = 1e-4 / 6.0
+"""Smallest spread of the samples at rest, relative to their median, for the search for outliers."""
+SPEED_CHANGE_NOTED, SPEED_CHANGE_ALLOWED = 0.02, 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
-FEWEST_SLIDING = 12  # fewest usable samples of sliding
 ROUNDING_NOTED = 1e-4  # rounding error of ln(T_tight/T_slack) above which a note says so [-]
 MAX_IMBALANCE = 0.2  # largest difference of the two cells at rest over their mean [-]
 MAX_NOISE_RATIO = 2.5
 """Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
 ONSET = 200  # most samples of the build-up that are kept for the sticking peak
+GROWTH = 0.15  # ratio of the length of a block to the length of the record before it
+FINEST = 256
+"""Records of up to so many samples start with blocks of one sample; longer records with more."""
+TAKE_UP = np.geomspace(0.06, 0.35, 5)
+"""Decay lengths of the rest of the build-up, over its travel, without gaps."""
+SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
+"""Lengths of slow decays, over its travel, as where friction grows strongly with speed."""
+LINES = 3  # largest number of ripples fitted to a run
+OUTLIER = 6.0  # distance from the smooth course above which a sample is dropped, in robust sigmas
 
 
 def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecord | None]:
@@ -70,210 +96,427 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
 
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
-    weight = record.kind.weight
-    reject((bool(record.defect), record.defect))
-    channels = read_channels(record, run)
-    rotation = find_rotation(channels.speed)
-    velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
+    kind, weight = record.kind, record.kind.weight
+    reject(bool(run.status), run.status)
+    channels, rounding_N = read_channels(record, run)
+    rotation = Rotation(channels.speed)
     # valid for a running belt, too
-    run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + velocity)
-    run.slip_speed_m_s = float(sliding_speed(rotation.speed_rad_s, R))
+    run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + rotation.speed_rad_s)
+    run.slip_speed_m_s = abs(float(sliding_speed(rotation.speed_rad_s, R)))
     run.start_time_s = float(channels.time_s[rotation.first])
     change = rotation.unsteadiness
-    found = f"it changes by {100 * change:+.3g} %, allowed is {100 * SPEED_CHANGE_ALLOWED:g} %"
-    is_changing = abs(change) > SPEED_CHANGE_ALLOWED
-    reject((is_changing, f"the pulley speed is not steady: {found}"))
-    if rotation.reversed and not record.kind.running:
+    reject(
+        abs(change) > SPEED_CHANGE_ALLOWED,
+        f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
+        f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %",
+    )
+    if rotation.speed_rad_s < 0.0 and not kind.running:
         run.notes += ("the pulley speed is negative: its magnitude is used",)
     if abs(change) > SPEED_CHANGE_NOTED:
         run.notes += (f"the pulley speed changes by {100 * change:+.2g} %",)
     if channels.time_s.size - rotation.end > 2:
         run.notes += (f"the pulley stops at {channels.time_s[rotation.end]:.4g} s",)
-    before = slice(rotation.first)
-    rest = rest_state(channels.time_s[before], channels.tensions[before], channels.rounding_N)
+    speed = np.abs(channels.speed)
+    turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
+    keep = np.flatnonzero(np.isfinite(channels.tensions[: rotation.end]).all(axis=1))
+    t, tensions = channels.time_s[keep], channels.tensions[keep]
+    halfway = (rotation.full_speed + rotation.end) // 2
+    first, full_speed, late = np.searchsorted(keep, [rotation.first, rotation.full_speed, halfway])
+    rest, sliding_N = Rest(t[:first], tensions[:first], rounding_N), tensions[late:]
     half = 0.5 * rest.imbalance_N
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
-        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
+        rest.tension_N, rest.end_N, rest.end_se_N = W, W, 0.0
+        rest.imbalance_N, rest.imbalance_se_N = 0.0, 0.0
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
-    found = f"{rest.imbalance_N:+.4g} N at rest at a mean of {rest.tension_N:.4g} N"
-    is_off = abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N
-    reject((is_off, f"the cells differ by {found}, allowed is {100 * MAX_IMBALANCE:g} %"))
-    late = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
-    sliding_N = channels.tensions[late][channels.usable[late]]
-    reject((len(sliding_N) < 3, f"too short: {len(sliding_N)} usable samples of sliding"))
+    reject(
+        abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N,
+        f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
+        f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %",
+    )
+    reject(len(sliding_N) < 3, f"too short: {len(sliding_N)} usable samples of sliding")
     tight, slack = sliding_N.T
     if median(tight - slack) < 0.0 and np.mean(tight < slack) >= 0.9:
-        reject((bool(record.kind.reversed), record.kind.reversed))
+        reject(bool(kind.reversed), kind.reversed)
         run.swapped = True
         run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
-        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
-        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-        tensions, rounding_N = channels.tensions[:, ::-1], channels.rounding_N[::-1]
-        channels = replace(channels, tensions=tensions, rounding_N=rounding_N)
-    held = channels
+        rest.imbalance_N, rest.slopes_N_s = -rest.imbalance_N, rest.slopes_N_s * [-1.0, 1.0]
+        tensions, rounding_N = tensions[:, ::-1], rounding_N[::-1]
+    held = tensions
     if weight is not None:  # tensions of the same ratio, as if both ends were held
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = channels.tensions[:, 0] / channels.tensions.sum(axis=1)
-        of_sum = np.column_stack([share, 1.0 - share])
-        held = replace(channels, tensions=median(np.sum(sliding_N, axis=1)) * of_sum)
-    phase = sliding_phase(held, rotation)
-    run.take_up_m = R * phase.take_up
-    n = phase.time_s.size - phase.slide
-    few = f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}"
-    reject((n < FEWEST_SLIDING, few))
-    sliding = sliding_record(phase, rest, channels.rounding_N, weight, R)
+            share = tensions[:, 0] / tensions.sum(axis=1)
+        held = median(np.sum(sliding_N, axis=1)) * np.column_stack([share, 1.0 - share])
+    built, slide = find_sliding(t, held, int(first), int(full_speed), weight)
+    angle, temperature = np.append(0.0, turned)[keep], channels.temperature[keep]
+    phases = Phases(t, held, angle - angle[first], temperature, int(first), built, slide)
+    run.take_up_m = R * phases.take_up
+    n = t.size - slide
+    reject(
+        n < FEWEST_SLIDING,
+        f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}",
+    )
+    sliding = SlidingRecord(phases, rest, rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
     if sliding.rounding > ROUNDING_NOTED:
         run.notes += ("coarse A/D converters of the cells: included in the standard error",)
-    # with a dead weight, the noise may be in the cell or in the ratio of the tensions
-    noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, held))
-    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, float(np.max(channels.rounding_N)))
-    ratio = sliding.unrest_N / max(noise_N, floor)
-    found = f"{ratio:.2g} times that at rest, allowed is {MAX_NOISE_RATIO:g} times"
-    is_rough = ratio > MAX_NOISE_RATIO and rest.n_samples >= 8
-    reject((is_rough, f"sticks and slips: the noise while sliding is {found}"))
+    at_rest = (t >= rest.first_s) & (t <= rest.last_s)
+    if rest.n_samples >= 8:
+        # with a dead weight, the noise may be in the cell or in the ratio of the tensions
+        z = [x[at_rest] / sliding.tensions_N @ [1.0, -1.0] for x in (tensions, held)]
+        noise_N = max(_scatter(t[at_rest], x) for x in z) / sliding.sensitivity
+        # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
+        floor = max(1e-3 / sliding.sensitivity, float(np.max(rounding_N)))
+        ratio = sliding.unrest_N / max(noise_N, floor)
+        reject(
+            ratio > MAX_NOISE_RATIO,
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {MAX_NOISE_RATIO:g} times",
+        )
     return sliding
 
 
-def _noise_at_rest(rest: Rest, channels: RunRecord, sliding: SlidingRecord) -> float:
-    """Convert the noise at rest to noise of z while sliding, over the sensitivity there [N]."""
-    at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
-    time = channels.time_s[at_rest]
-    z = -np.diff(channels.tensions[at_rest] / sliding.tensions_N)[:, 0]
-    return _about_line(time, z) / sliding.sensitivity if time.size >= 4 else float("inf")
+def read_channels(record: RunRecord, run: RunReduction) -> tuple[RunRecord, Array]:
+    """Check the channels of a run, remove spikes, average a long run; may raise `RunRejected`.
+
+    Counts of spikes and missing samples are set in the result. Returns also the errors of means of
+    both tensions by coarse converters [N], (2,).
+    """
+    t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
+    reject(t.size < 2, f"too short: {t.size} samples")
+    reject(t[-1] <= t[0], f"time_s stands still at {t[0]:g} s")
+    cells = kind.cells if kind.measures == "two_cells" and not kind.running else PERFECT
+    last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
+    step, rounding_N = resolution(*last), np.zeros(2)
+    spikes = np.zeros(tensions.shape, dtype=bool)
+    for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
+        if span != kind.weight:
+            x, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
+            tensions[:, k], noise = x, difference_sigma(x[np.isfinite(x)][-2 * BLOCKS :])
+            rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
+    run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
+    run.n_missing = int(np.count_nonzero(np.any(~(np.isfinite(tensions) | spikes), axis=1)))
+    columns = [_untied(t), tensions, _speed(t, record.speed), record.temperature]
+    if t.size >= 2 * BLOCKS:
+        starts = np.arange(0, t.size, t.size // BLOCKS)
+        columns = [block_means(x, starts) for x in columns]
+    t, tensions, speed, temperature = columns
+    clean = replace(record, time_s=t, tensions=tensions, speed=speed, temperature=temperature)
+    return clean, rounding_N
 
 
-GROWTH = 0.15  # ratio of the length of a block to the length of the record before it
-FINEST = 256
-"""Records of up to so many samples start with blocks of one sample; longer records with more."""
-TAKE_UP = np.geomspace(0.06, 0.35, 5)
-"""Decay lengths of the rest of the build-up, over its travel, without gaps."""
-SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
-"""Lengths of slow decays, over its travel, as where friction grows strongly with speed."""
-LINES = 3  # largest number of ripples fitted to a run
-OUTLIER = 6.0  # distance from the smooth course above which a sample is dropped, in robust sigmas
+def _untied(t: Array) -> Array:
+    """Spread repeated times of a coarse clock evenly over each tick."""
+    first = np.flatnonzero(np.append(True, np.diff(t) > 0.0))
+    if first.size == t.size:
+        return t
+    tick = t[first[-1]] - t[first[-2]]
+    places, ticks = np.append(first, t.size), np.append(t[first], t[-1] + tick)
+    return np.interp(np.arange(t.size), places, ticks)
+
+
+def _tension(values: Array, name: str) -> tuple[Array, Mask]:
+    """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
+    clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
+    allowed = f"of the samples, allowed is {100 * MAX_MISSING:g} %"
+    for lacks, bad in (("missing", np.isnan(clean)), ("not positive", ~(clean > 0.0))):
+        share = np.mean(bad)
+        reject(share > MAX_MISSING, f"{name} is {lacks} in {100 * share:.3g} % {allowed}")
+    low, high = np.nanmin(clean), np.nanmax(clean)
+    reject(low == high, f"{name} is dead: {low:g} N throughout")
+    # an exact zero is a lost reading; a negative one may be the noise of a nearly slack span, and
+    # excluding those would bias the mean
+    clean[clean == 0.0] = np.nan
+    present, spikes = np.isfinite(clean), np.zeros(values.size, dtype=bool)
+    spikes[present] = spike_mask(clean[present], SPIKE)
+    clean[spikes] = np.nan
+    _require_range(clean[np.isfinite(clean)], name)
+    return clean, spikes
+
+
+def _require_range(x: Array, name: str) -> None:
+    """Reject a cell that sticks at an extreme reading; without noise that is a plateau."""
+    steps, turns = np.diff(np.unique(x)), np.diff(np.sign(np.diff(x)))
+    noisy = steps.size >= 2 and np.count_nonzero(turns) >= NOISY * x.size
+    if not noisy or difference_sigma(x) < 1.5 * float(np.min(steps)):
+        return
+    for y in (x, -x):
+        near, count = np.mean(y > 0.5 * (y.max() + y.min())), np.count_nonzero(y == y.max())
+        share = count / (near * x.size)
+        reject(
+            count >= FEWEST_CLIPPED and share > CLIPPED,
+            f"{name} is saturated: {100 * share:.3g} % of the samples near its extreme are "
+            f"{x[np.argmax(y)]:g} N",
+        )
+
+
+def _speed(t: Array, speed: Array) -> Array:
+    """Return the speed of the pulley with gaps and overflow marks interpolated."""
+    present = np.isfinite(speed)
+    reject(
+        np.mean(present) < 0.5,
+        f"pulley_speed_rad_s is missing in {np.count_nonzero(~present)} of {speed.size} samples",
+    )
+    size = np.abs(np.where(present, speed, 0.0))
+    # divided, not multiplied: ten times an infinite speed is no number
+    present &= size / MARKED <= running_median(size, 7) + np.quantile(size, 0.95)
+    return speed if np.all(present) else np.interp(t, t[present], speed[present])
+
+
+class Rotation:
+    """Part of a record of finite speeds [rad/s], (n,), in which the pulley turns.
+
+    May raise `RunRejected`.
+    """
+
+    def __init__(self, speed: Array) -> None:
+        smooth = running_median(speed, 5)
+        magnitude, noise = np.abs(smooth), difference_sigma(speed)
+        least = min(FEWEST_TURNING, 0.05 * speed.size)  # a glitch is shorter
+        first, end = _first_rotation(
+            magnitude, float(np.quantile(magnitude, 1 - least / speed.size))
+        )
+        top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+        quiet, fastest = np.abs(speed[magnitude <= 0.5 * top]), float(np.max(magnitude))
+        # speed noise grows with the speed on most encoders: compare with the rest phase
+        background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+        if top <= max(5.0 * noise, 2.0 * background):
+            few = f"too short: the pulley turns in fewer than {least:.0f} samples"
+            still = (
+                f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s of "
+                "its level; a run whose speed falls or rises throughout: give plateaus, as a table"
+            )
+            reject(True, few if fastest > max(10.0 * top, 10.0 * noise) else still)
+        threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
+        while (
+            first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0
+        ):
+            first -= 1
+        full_speed = first + int(np.argmax(magnitude[first:end] >= 0.97 * top - 3.0 * noise))
+        # the samples at which it begins to turn, has reached its speed, and no longer turns
+        self.first, self.full_speed, self.end = first, full_speed, end
+        self.speed_rad_s = -top if median(smooth[first:end]) < 0.0 else top
+        # relative change between the two halves of the time at full speed
+        early, late = np.split(magnitude[full_speed:end], [(end - full_speed) // 2])
+        self.unsteadiness = (median(late) - median(early)) / top if early.size >= 3 else 0.0
+
+
+def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
+    """Return first and end index of the first rotation of the pulley; ignore later ones."""
+    edges = np.diff(np.pad((magnitude > 0.1 * reached).astype(np.int8), 1))
+    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    if starts.size == 0 or reached <= 0.0:
+        return 0, 0
+    length = ends - starts
+    k = int(np.argmax(length >= min(max(0.2 * np.max(length), 4.0), np.max(length))))
+    level = 0.5 * median(magnitude[starts[k] : ends[k]])
+    inside = np.flatnonzero(magnitude[starts[k] : ends[k]] > level)
+    return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SlidingRecord:
-    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise."""
+class Phases:
+    """Usable samples of a run until the pulley stops, and where its phases begin."""
 
-    first_s: Array  # times of the first and the last sample of each block
-    last_s: Array
-    count: Array  # samples of each block
-    travel: Array  # mean travel of the pulley's surface since the end of the build-up [m]
-    z: Array  # ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N
-    log_mean: Array
-    waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
-    take_up: Array  # decays of the possible rest of the build-up, (m, TAKE_UP.size)
-    slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
-    turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
-    temperature: Array  # nan if unknown
-    rest: Rest  # rest phase before the rotation
-    onset: Array
-    """Times [s], travel since the end of the build-up [m] and z (nan if a tension is not positive),
-    from the start of the rotation to the start of the sliding, (3, k)."""
-    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding
-    noise_N: float  # white noise of a sample in z over `sensitivity`
-    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce
-    ripple_N: float  # amplitude of the strongest ripple in the tight tension
-    unrest_N: float
-    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity`."""
-    n_outliers: int  # samples that were dropped
-    zero_shifts: Array  # change of z by 1 N in the tight and the slack tension [1/N], (2,)
-    weight: Span | None  # span that carries a dead weight, whose tension has no errors
+    time_s: Array  # (n,)
+    tensions: Array  # tight and slack tension, (n, 2)
+    angle: Array  # angle of the pulley since the first sample of the rotation [rad], (n,)
+    temperature: Array  # nan if unknown, (n,)
+    first: int  # first sample of the rotation
+    built: int  # first sample at which nine tenths of the build-up are reached
+    slide: int  # first sample that is certainly after the build-up
 
     @property
-    def sensitivity(self) -> float:
-        """Change of z by independent errors of 1 N in both cells [1/N]."""
-        return float(np.hypot(*self.zero_shifts))
-
-    @property
-    def speed_m_s(self) -> float:
-        """Mean speed of the pulley's surface [m/s]."""
-        middle_s = 0.5 * (self.first_s + self.last_s)
-        return float(np.ptp(self.travel) / max(np.ptp(middle_s), 1e-12))
-
-    @property
-    def level(self) -> float:
-        """Approximate mean of z over the second half of the sliding [-]."""
-        tight, slack = self.tensions_N
-        return float(np.log(tight / slack))
+    def take_up(self) -> float:
+        """Angle of the build-up [rad], by its first two thirds: its end may be slow; or nan."""
+        difference = self.tensions[:, 0] - self.tensions[:, 1]
+        at_rest, settled = median(difference[: self.first]), median(difference[self.slide :])
+        building = difference[self.first : self.built + 1]
+        samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
+        return 1.5 * float(self.angle[self.first + samples]) if samples >= FEWEST_BUILT else np.nan
 
 
-def sliding_record(
-    phase: SlidingPhase, rest: Rest, rounding_N: Array, weight: Span | None, R: float
-) -> SlidingRecord:
-    """Average the sliding of a run on a pulley of radius R [m] over blocks.
+def find_sliding(
+    t: Array, tensions: Array, first: int, full_speed: int, weight: Span | None
+) -> tuple[int, int]:
+    """Return the samples `built` and `slide` of `Phases`.
 
-    Means of the cells are off by `rounding_N` (2,); `weight` is the span with a dead weight.
+    Usable samples (n,), (n, 2); the pulley turns from the `first` on. `RunRejected` if the belt
+    never slides, or a cell does not respond.
     """
-    # nine tenths of the build-up were reached at `built`: its end is a ninth further
-    built_m = R * float(phase.angle[phase.built])
-    before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
-    since_end = R * phase.angle - built_m / 0.9
-    # the record before the sliding, at a resolution that shows the sticking peak
-    taut = np.where(phase.tensions[before] > 0.0, phase.tensions[before], np.nan)
-    rise = np.column_stack([phase.time_s[before], since_end[before], np.log(taut) @ [1.0, -1.0]])
-    rise = rise[-20 * ONSET :]
-    onset = block_means(rise, np.arange(0, len(rise), max(-(-len(rise) // ONSET), 1))).T
-    t, tensions = phase.time_s[after], phase.tensions[after]
-    travel = np.maximum(since_end[after], 0.0)
-    smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
-    t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
-    angle, temperature = phase.angle[after][kept], phase.temperature[after][kept]
+    difference = tensions[:, 0] - tensions[:, 1]
     n = t.size
-    ratio = tensions / smooth - 1.0
-    z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
-    log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
-    wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
-    level = np.median(tensions[n // 2 :], axis=0)
-    zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
-    sensitivity = float(np.hypot(*zero_shifts))
-    residual = ratio[:, 0] - ratio[:, 1]
-    residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
-    tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-    relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
-    section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
-    sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
-    scatters = [_about_line(t[of], residual[of]) for of in sections if of.size >= 8]
-    starts = block_starts(n)
-    return SlidingRecord(
-        first_s=t[starts],
-        last_s=t[np.append(starts[1:], n) - 1],
-        count=np.diff(np.append(starts, n)).astype(float),
-        travel=block_means(travel, starts),
-        z=block_means(z, starts),
-        log_mean=block_means(log_mean, starts),
-        waves=block_means(wave, starts),
-        take_up=block_means(np.exp(-relative_travel / TAKE_UP), starts),
-        slow_take_up=block_means(np.exp(-relative_travel / SLOW_TAKE_UP), starts),
-        turn=block_means(np.column_stack([np.cos(angle), np.sin(angle)]), starts),
-        temperature=block_means(temperature, starts),
-        rest=rest,
-        onset=onset,
-        tensions_N=(float(level[0]), float(level[1])),
-        noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
-        rounding=float(np.linalg.norm(rounding_N / level)),
-        ripple_N=float(np.linalg.norm(tight_waves[:2])),
-        unrest_N=float(np.median(scatters or 0.0)) / sensitivity,
-        n_outliers=int(np.count_nonzero(~kept)),
-        zero_shifts=zero_shifts,
-        weight=weight,
+    reject(n - first < 8, f"too short: {n - first} usable samples while the pulley turns")
+    if weight is None:
+        # both ends are fixed: both tensions change
+        rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
+        change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
+        small, large = np.sort(change)
+        reject(
+            small < LEAST_ANSWER * large and large > 0.2 * np.median(rest),
+            f"tension_{SPANS[int(np.argmin(change))]}_N is dead: it changes by {small:.3g} N while "
+            f"the other cell changes by {large:.3g} N",
+        )
+    # halve the time, not the samples: a simulated recording has most of them in the build-up
+    middle = 0.5 * float(t[first] + t[-1])
+    at_rest, settled = median(difference[:first]), median(difference[t >= middle])
+    least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
+    reject(
+        settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])),
+        f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns",
     )
+    reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
+    build_up = int(np.argmax(reached))
+    reject(
+        t[first + build_up] > middle,
+        "never slides: the tensions still part at the end of the record",
+    )
+    # a sample at exactly this time counts as before, whatever the rounding of the clock
+    rise_s = (1.5 + 1e-3 / max(build_up, 1)) * (t[first + build_up] - t[first])
+    after = int(np.searchsorted(t, t[first] + rise_s, side="right"))
+    # noise crosses the level too early as often as it drops below it too late
+    built = first + min(int(np.count_nonzero(~reached[: 2 * build_up + 3])), n - first - 1)
+    return built, max(after, first + build_up + 1, full_speed)
 
 
-def _about_line(t: Array, x: Array) -> float:
+class Rest:
+    """Readings of the load cells before the pulley turns, from finite tensions (n, 2).
+
+    `rounding_N` (2,) are errors of means by converters. Samples whose tensions already separate (a
+    lagging speed channel) are left out. May raise `RunRejected`.
+    """
+
+    def __init__(self, t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> None:
+        reject(
+            t.size < FEWEST_REST,
+            f"no rest phase: {t.size} usable samples before the pulley turns, "
+            f"must be >= {FEWEST_REST}",
+        )
+        difference = tensions[:, 0] - tensions[:, 1]
+        half = difference[: max(FEWEST_REST, t.size // 2)]
+        limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
+        quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
+        end = max(int(quiet[-1]) + 1 if quiet.size else 0, FEWEST_REST)
+        mean, difference = 0.5 * tensions[:end].sum(axis=1), difference[:end]
+        near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
+        mean, difference, time = mean[near], difference[near], t[:end][near]
+        n, last = difference.size, max(difference.size // 8, min(difference.size, 3))
+        self.n_samples, self.first_s, self.last_s = n, float(time[0]), float(time[-1])
+        # mean of both cells over the rest and over its last samples, with standard error
+        self.tension_N, self.end_N = float(np.mean(mean)), float(np.mean(mean[-last:]))
+        noise_N = float(np.std(np.diff(mean))) if n > 2 else np.inf
+        self.end_se_N = noise_N / np.sqrt(2.0 * last)
+        rounding = float(np.linalg.norm(rounding_N))
+        spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
+        se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+        # tight minus slack cell
+        self.imbalance_N, self.imbalance_se_N = (
+            float(np.mean(difference)),
+            float(np.hypot(se, rounding)),
+        )
+        # slopes of the difference and of the sum of both cells; a converter that stays on one step
+        # hides a slope: each half may be off by its rounding
+        jump = np.sqrt(8.0) * rounding / max(float(np.ptp(time)), 1e-12)
+        slopes = np.array([_slope(time, difference), _slope(time, 2.0 * mean)])
+        self.slopes_N_s, self.slope_ses_N_s = slopes[:, 0], np.hypot(slopes[:, 1], jump)
+
+
+def _slope(t: Array, x: Array) -> tuple[float, float]:
+    """Fit the slope of x over t, and its standard error (infinite if unknown)."""
+    slope, residual, squares = _line(t, x)
+    if t.size < 4 or t[0] == t[-1]:
+        return 0.0, float("inf")
+    variance = float(residual @ residual) / (t.size - 2)
+    # correlated noise disturbs a slope more than white noise does
+    return slope, float(np.sqrt(variance * integrated_autocorrelation_time(residual) / squares))
+
+
+def _line(t: Array, x: Array) -> tuple[float, Array, float]:
+    """Fit a straight line over time: slope, residuals, sum of the squared times."""
+    dt = t - t.mean()
+    squares = max(float(dt @ dt), 1e-300)
+    slope = float(dt @ x) / squares
+    return slope, x - x.mean() - slope * dt, squares
+
+
+def _scatter(t: Array, x: Array) -> float:
     """Return the standard deviation about a straight line over time."""
-    dt, y = t - t.mean(), x - x.mean()
-    y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
-    return float(np.sqrt(y @ y / (y.size - 2)))
+    return float(np.linalg.norm(_line(t, x)[1]) / np.sqrt(t.size - 2))
+
+
+class SlidingRecord:
+    """Block means (m,) of the sliding of a run on a pulley of radius R [m].
+
+    Means of the cells are off by `rounding_N` (2,); `weight` is the span that carries a dead
+    weight, whose tension has no errors.
+    """
+
+    def __init__(
+        self, phases: Phases, rest: Rest, rounding_N: Array, weight: Span | None, R: float
+    ) -> None:
+        self.rest, self.weight = rest, weight
+        # nine tenths of the build-up were reached at `built`: its end is a ninth further
+        self.built_m = max(R * float(phases.angle[phases.built]), 1e-9)
+        before, after = slice(phases.first, phases.slide), slice(phases.slide, None)
+        since_end = R * phases.angle - self.built_m / 0.9
+        # times, travel since the end of the build-up, and z (nan if a tension is not positive) from
+        # the first turn to the sliding, at a resolution that shows the sticking peak, (3, k)
+        taut = np.where(phases.tensions[before] > 0.0, phases.tensions[before], np.nan)
+        rise = [phases.time_s[before], since_end[before], np.log(taut) @ [1.0, -1.0]]
+        onset = np.column_stack(rise)[-20 * ONSET :]
+        starts = np.arange(0, len(onset), max(-(-len(onset) // ONSET), 1))
+        self.onset = block_means(onset, starts).T
+        t, tensions = phases.time_s[after], phases.tensions[after]
+        travel = np.maximum(since_end[after], 0.0)
+        smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
+        self.n_outliers = int(np.count_nonzero(~kept))
+        t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
+        angle, temperature = phases.angle[after][kept], phases.temperature[after][kept]
+        n, starts = t.size, block_starts(t.size)
+        self.first_s, self.last_s = t[starts], t[np.append(starts[1:], n) - 1]
+        self.middle_s = 0.5 * (self.first_s + self.last_s)
+        self.count = np.diff(np.append(starts, n)).astype(float)
+        ratio = tensions / smooth - 1.0
+        deviation = ratio[:, 0] - ratio[:, 1]
+        z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
+        # ln of the geometric mean of the tensions in N
+        log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
+        self.travel, self.z, self.log_mean, self.temperature = (
+            block_means(x, starts) for x in (travel, z, log_mean, temperature)
+        )
+        wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
+        turn = np.column_stack([np.cos(angle), np.sin(angle)])
+        self.waves, self.turn = block_means(wave, starts), block_means(turn, starts)
+        # decays of the possible rest of the build-up
+        share = (travel - travel[0])[:, None] / self.built_m
+        self.take_up, self.slow_take_up = (
+            block_means(np.exp(-share / lengths), starts) for lengths in (TAKE_UP, SLOW_TAKE_UP)
+        )
+        level = np.median(tensions[n // 2 :], axis=0)
+        self.tensions_N = (float(level[0]), float(level[1]))
+        self.level = float(np.log(level[0] / level[1]))  # of z in the second half of the sliding
+        # change of z by 1 N in either tension, and by independent errors of 1 N in both cells
+        self.zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
+        self.sensitivity = float(np.hypot(*self.zero_shifts))
+        residual = deviation - wave @ np.linalg.lstsq(wave, deviation, rcond=None)[0]
+        # white noise of a sample in z; scatter over sections as long as the rest, without ripple
+        self.noise_N = max(difference_sigma(residual), NOISE_FLOOR) / self.sensitivity
+        section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
+        sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
+        scatters = [_scatter(t[of], residual[of]) for of in sections if of.size >= 8]
+        self.unrest_N = float(np.median(scatters or 0.0)) / self.sensitivity
+        # of z by coarse converters, which averaging does not reduce
+        self.rounding = float(np.linalg.norm(rounding_N / level))
+        tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
+        self.ripple_N = float(np.linalg.norm(tight_waves[:2]))  # of the strongest ripple
+
+    def slow_decays(self, travel: Array) -> Array:
+        """Return the slow decays at travels since the end of the build-up [m], in the sliding."""
+        since = np.maximum(travel - self.travel[0], 0.0)
+        return np.exp(-since[:, None] / (self.built_m * SLOW_TAKE_UP))
 
 
 def block_starts(n: int) -> NDArray[np.intp]:

@@ -3,7 +3,8 @@
 Each run is prepared alone (:mod:`prepare`), then all runs are reduced together
 (:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced is marked with
 the reason, never dropped. The sticking peak is not the largest sample, which is the noisiest one:
-the model of the sliding is extrapolated back to where the record joins it after the build-up.
+it is the largest value of the model of the sliding, with the rest of the build-up in it, from where
+the record joins the model onwards.
 
 Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). The
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
@@ -21,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.bench_model import BenchFit, cell_errors, fit_bench
-from beltid.identify.friction.channels import Rest, against_stated
-from beltid.identify.friction.prepare import SlidingRecord, prepare_run
+from beltid.identify.estimators import mad_sigma, median
+from beltid.identify.friction.bench_model import Bench, cell_errors, fit_bench
+from beltid.identify.friction.prepare import Rest, SlidingRecord, prepare_run
 from beltid.identify.friction.run import (
     CELLS,
     MAX_MU,
@@ -71,32 +72,32 @@ def reduce_plateaus(
     if not direct and "arc_deg" not in given:
         raise InputError("column arc_deg is missing")
     if not kind.running:
-        speed, slip = (table[name] for name in SPEEDS)
-        table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
+        omega, slip = (table[name] for name in SPEEDS)
+        table["pulley_speed_rad_s"] = np.where(np.isfinite(omega), omega, slip / R)
     label, count = [str(name) for name in columns["run"]], Counter[str]()
     repeated = Counter(label)
     for row, name in enumerate(list(label)):
         count[name] += 1
         label[row] += f"-{count[name]}" if repeated[name] > 1 else ""
-    texts = {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
-    table |= {"run": np.array(label, dtype=object), **texts}
+    table |= {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
+    table["run"] = np.arange(n).astype(str)
     if direct:  # the tensions do not count
         kind = replace(TWO_CELLS, running=kind.running, mass_per_length_kg_m=NAN)
         table |= dict.fromkeys(CELLS, np.ones(n))
     records = run_records(table, R, kind)
-    row_of = {name: row for row, name in enumerate(label)}
-    rows = [row_of[record.result.run] for record in records]
+    rows = [int(record.result.run) for record in records]
     ses = table["mu_se"][rows]
     if not direct and np.isfinite(resolution_N):
         ses = np.where(np.isfinite(ses), ses, _se_by_resolution(table, R, kind, resolution_N))
     for record, row, se in zip(records, rows, ses.tolist(), strict=True):
-        run, own = record.result, {name: float(table[name][row]) for name in OF_ROW}
+        run = record.result
+        mu, N, speed, v, temperature = (float(table[name][row]) for name in OF_ROW)
+        run.run, run.n_samples, run.temperature_degC = label[row], 1, temperature
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
-        run.temperature_degC, run.n_samples = own["temperature_degC"], 1
-        run.pulley_speed_rad_s, v = abs(own["pulley_speed_rad_s"]), own["slip_speed_m_s"]
+        run.pulley_speed_rad_s = abs(speed)
         run.slip_speed_m_s = abs(sliding_speed(float(record.speed[0]), R) if np.isnan(v) else v)
         if direct:
-            run.mu_sliding, run.normal_force_N_m = own["mu"], own["normal_force_N_m"]
+            run.mu_sliding, run.normal_force_N_m = mu, N
         else:
             run.set_plateau(record.tensions[0, 0], record.tensions[0, 1], R)
         run.mu_sliding_se = se
@@ -158,6 +159,9 @@ MAX_PEAK_ERROR = 0.02  # largest relative standard error of mu_sticking of a res
 JOINED = 3.0  # largest distance of a sample on the model, in standard deviations of the noise
 TAIL_NOTED = 1e-3  # tail left, and standard error, relative to mu, above which a note mentions them
 STANDS_OUT = 3.0  # smallest height of a peak above the plateau, in standard errors of the peak
+AGREE, LARGE = 0.7, 0.1
+"""Relative scatter of the levels of tension up to which they agree; share of the lowest stated
+tension, or of the factor 1, above which the readings contradict the stated tensions."""
 FEWEST_FOR_MISFIT = 5  # runs of a bench with which one can be rejected as unlike the others
 
 
@@ -172,54 +176,85 @@ def reduce_records(
     match the stated ones, see :func:`against_stated`.
     """
     prepared = [prepare_run(record, R) for record in records]
-    sliding = [(run, record) for run, record in prepared if record is not None]
-    if sliding:
-        of_runs, of_records = zip(*sliding, strict=True)
-        _reduce_together(of_runs, of_records, R, gain_rel, free_at_rest)
+    if sliding := [(run, record) for run, record in prepared if record is not None]:
+        _reduce_together(sliding, R, gain_rel, free_at_rest)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
-    at_rest = [run for run, _ in prepared if np.isnan(run.momentum_N)]
-    stated = [run.nominal_tension_N for run in at_rest]
-    if problem := against_stated(
-        np.array([r.initial_tension_N for r in at_rest]), np.array(stated)
-    ):
+    still = [run for run, _ in prepared if np.isnan(run.momentum_N)]
+    tensions = np.array([(run.initial_tension_N, run.nominal_tension_N) for run in still])
+    if problem := against_stated(*tensions.reshape(-1, 2).T):
         raise InputError(problem)
     return tuple(run for run, _ in prepared)
 
 
+def against_stated(measured_N: Array, stated_N: Array) -> str:
+    """Describe a mismatch of mean tensions at rest and stated initial tensions (n,) [N], or "".
+
+    Each level of tension has an offset and a factor, medians over its runs; the median level counts
+    if the levels agree on it, so that a few wrongly set ones do not matter. Fewer than four runs,
+    or a single tension, allow no check.
+    """
+    usable = np.isfinite(measured_N) & (stated_N > 0.0)
+    measured, stated = measured_N[usable], stated_N[usable]
+    levels = np.unique(stated)
+    if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
+        return ""
+    found = np.array([measured - stated, measured / stated - 1.0])
+    of_levels = np.array([[median(x[stated == level]) for level in levels] for x in found])
+    offset_N, excess = np.median(of_levels, axis=1)
+    apart = [mad_sigma(x) / max(abs(np.median(x)), 1e-300) for x in of_levels]
+    if apart[0] < apart[1]:
+        is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
+        remedy = (
+            "were the load cells tared? State their readings without load as "
+            "friction.tension_tight_tare_N and friction.tension_slack_tare_N"
+        )
+    else:
+        is_large, size = abs(excess) > LARGE, f"{1.0 + excess:.4g} times"
+        remedy = (
+            "is the unit of the cells right (units.rig), is the force of the whole hub stated? "
+            "State a known error of the cells as friction.tension_tight_gain and "
+            "friction.tension_slack_gain"
+        )
+    if not is_large or min(apart) > AGREE:
+        return ""
+    return (
+        f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
+        f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
+    )
+
+
 def _reduce_together(
-    runs: Sequence[RunReduction],
-    records: Sequence[SlidingRecord],
+    sliding: Sequence[tuple[RunReduction, SlidingRecord]],
     R: float,
     gain_rel: float,
     free_at_rest: bool,
 ) -> None:
     """Reduce all sliding runs of a bench together."""
+    runs, records = zip(*sliding, strict=True)
     bench, rests = fit_bench(records), [record.rest for record in records]
     # relative change of the tension from the mean over the rest to its end
     change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
     weight = np.maximum([rest.end_se_N / rest.tension_N for rest in rests], 1e-7) ** -2.0
     relaxed = float(np.average(change, weights=weight)) if weight.any() else 0.0
     relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
+    level, drift = bench.posterior.level, bench.visible_drift
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
-    level, shared, drift = bench.posterior.level, bench.shared, bench.drift
-    errors, variance, common, held, notes = cell_errors(
+    errors, variance, common = cell_errors(
         runs, records, level, np.sqrt(own), gain_rel, free_at_rest
     )
-    shared = np.column_stack([shared, common])
+    shared = np.column_stack([bench.shared, common])
     y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
-    for k, (run, record) in enumerate(zip(runs, records, strict=True)):
-        y, y_se = float(level[k] - errors[k]), float(y_ses[k])
+    for k, (run, record) in enumerate(sliding):
+        y = float(level[k] - errors[k])
         run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
-        run.notes += (notes[k],) if notes[k] else ()
-        run.held, run.converged = float(held[k]), bench.converged
-        run.drift = float(drift[k]) / y
+        run.converged, run.drift = bench.posterior.converged, float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
-            reject((not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]"))
-            _set_plateau(run, record, bench.tail(k, record.travel), y, y_se, R)
-            _check_fit(run, record, bench, k, float(shared[k, 0]), float(shared[k, 1]))
+            reject(not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
+            _set_plateau(run, record, bench.tail(k, record.travel), y, float(y_ses[k]), R)
+            _check_fit(run, record, bench, k)
             run.status = "ok"
             run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
         except RunRejected as reason:
@@ -240,15 +275,13 @@ def _set_plateau(
         factor = (x @ record.log_mean - 0.5 * prior * np.tanh(0.5 * y)) / (x @ tail + prior)
         mean = np.average(record.log_mean[start:] - factor * tail[start:], weights=count)
         tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
-    elif record.weight == "tight":
-        tight, slack = run.initial_tension_N, run.initial_tension_N * np.exp(-y)
     else:
-        tight, slack = run.initial_tension_N * np.exp(y), run.initial_tension_N
+        tight = run.initial_tension_N * np.exp(y * (record.weight == "slack"))
+        slack = tight * np.exp(-y)
     run.set_plateau(tight, slack, R)
     run.mu_sliding_se = y_se / float(np.radians(run.arc_deg))
-    finite = np.isfinite(temperature)
-    if finite.any():
-        run.temperature_degC = float(np.average(temperature[finite], weights=count[finite]))
+    if (known := np.isfinite(temperature)).any():
+        run.temperature_degC = float(np.average(temperature[known], weights=count[known]))
     run.n_samples = int(count.sum())
     run.plateau_start_s = float(record.first_s[start])
     run.notes += tuple(_notes(run, record.rest, float(tail[-1]) / y, y_se / y))
@@ -273,66 +306,64 @@ def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator
         )
 
 
-def _check_fit(
-    run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, *shared: float
-) -> None:
+def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -> None:
     """Reject a run that does not fit the bench, drifts or never settles."""
     y, misfit = float(bench.posterior.level[k]), float(np.sqrt(bench.scale[k]))
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
-    misfits = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
+    is_large = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
-    error = math.hypot(math.sqrt(bench.posterior.level_variance[k]), *shared) / y
+    own = math.sqrt(bench.posterior.level_variance[k]) / y
+    error = math.hypot(own, run.shared_tail, run.shared_drift)
     reject(
-        (
-            bench.scale.size >= FEWEST_FOR_MISFIT and misfits,
-            f"does not fit the bench: its record is off the common model by {misfit:.2g} "
-            f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
-        ),
-        (
-            abs(run.drift) > MAX_DRIFT,
-            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
-            f"allowed is {100 * MAX_DRIFT:g} %",
-        ),
-        (
-            left > MAX_TAIL,
-            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
-            f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
-        ),
-        (
-            error > MAX_ERROR,
-            f"never settles: the standard error of its level is {100 * error:.2g} %, "
-            f"allowed is {100 * MAX_ERROR:g} %",
-        ),
+        bench.scale.size >= FEWEST_FOR_MISFIT and is_large,
+        f"does not fit the bench: its record is off the common model by {misfit:.2g} "
+        f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times",
+    )
+    reject(
+        abs(run.drift) > MAX_DRIFT,
+        f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
+        f"allowed is {100 * MAX_DRIFT:g} %",
+    )
+    reject(
+        left > MAX_TAIL,
+        f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
+        f"the end of the record, allowed is {100 * MAX_TAIL:g} %",
+    )
+    reject(
+        error > MAX_ERROR,
+        f"never settles: the standard error of its level is {100 * error:.2g} %, "
+        f"allowed is {100 * MAX_ERROR:g} %",
     )
 
 
-def _set_peak(run: RunReduction, record: SlidingRecord, bench: BenchFit, k: int, y: float) -> str:
+def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y: float) -> str:
     """Set the sticking peak from the model of the sliding, or return why there is none."""
     level = float(bench.posterior.level[k])
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
-    # extrapolate the tail back to the end of the build-up, not beyond
-    model = level + bench.tail(k, np.maximum(travel, 0.0))
-    ripple = record.ripple_N / record.tensions_N[0]
-    limit = JOINED * record.noise_N * record.sensitivity + ripple
+    # extrapolate back to the end of the build-up, not beyond
+    model, _ = bench.course(k, np.maximum(travel, 0.0))
+    noise = record.noise_N * record.sensitivity
+    limit = JOINED * noise + record.ripple_N / record.tensions_N[0]
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
     join = int(off_model[-1]) + 1 if off_model.size else 0
     if join > 0 and z[join - 1] > model[join - 1]:
         return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
-    run.peak_time_s = 0.5 * float(t[before] + t[join])
     last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
-    peak, error = bench.at(k, 0.5 * (last_off + first_on))
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
-    rise = max(peak - float(np.nanmin(z)), limit)
-    margin = float(travel[join] - travel[0]) * limit / rise
-    step = first_on - last_off
+    rise = max(float(model[join] - np.nanmin(z)), limit)
+    margin, step = float(travel[join] - travel[0]) * limit / rise, first_on - last_off
     ahead = 0.1 * max(step, margin)
     tail = bench.tail(k, np.array([first_on, first_on + ahead]))
     rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
-    se = float(np.linalg.norm([error, timing, record.rounding]))
+    after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
+    largest = int(np.argmax(after))
+    times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
+    run.peak_time_s, peak = float(times[largest]), float(after[largest])
+    se = float(np.linalg.norm([errors[largest], timing, record.rounding]))
     if peak - level < STANDS_OUT * se:
         return "no peak stands out from the plateau"
     if se > MAX_PEAK_ERROR * peak:

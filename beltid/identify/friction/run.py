@@ -205,18 +205,13 @@ TWO_CELLS = RigKind()  # the rig of the paper
 
 def drag_of(idle: Sequence[Columns]) -> Drag | None:
     """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
-    found, at_rest = [], []
-    for columns in idle:
-        torque, speed, turns = in_direction(columns)
-        if not turns.any():
-            continue
-        found.append((float(np.median(speed[turns])), float(np.mean(torque[turns]))))
-        still = torque[np.isfinite(torque) & (speed <= TURNS * float(np.nanmax(speed)))]
-        at_rest += [float(np.mean(still))] if still.size else []
-    if not found:
+    runs = [run for run in map(in_direction, idle) if run[2].any()]
+    if not runs:
         return None
-    speeds, torques = np.array(sorted(found)).T
-    return Drag(speeds, torques, float(np.mean(at_rest or [0.0])))
+    found = sorted((np.median(v[turns]), np.mean(M[turns])) for M, v, turns in runs)
+    speeds, torques = np.array(found).T
+    still = [M[np.isfinite(M) & (v <= TURNS * float(np.nanmax(v)))] for M, v, _ in runs]
+    return Drag(speeds, torques, float(np.mean([np.mean(M) for M in still if M.size] or 0.0)))
 
 
 def in_direction(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -235,11 +230,10 @@ class RunRejected(Exception):
     """Says why a run cannot be reduced: its status; one bad run does not stop the others."""
 
 
-def reject(*reasons: tuple[bool | np.bool_, str]) -> None:
-    """Raise `RunRejected` with the first of several reasons that holds, if one does."""
-    for holds, reason in reasons:
-        if holds:
-            raise RunRejected(reason)
+def reject(holds: bool | np.bool_, reason: str) -> None:
+    """Raise `RunRejected` with the reason if it holds."""
+    if holds:
+        raise RunRejected(reason)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -313,17 +307,10 @@ class RunRecord:
     tensions: Array  # of the tight and the slack span [N], nan where unusable, (n, 2)
     speed: Array  # of the pulley relative to the belt [rad/s], (n,)
     temperature: Array  # [°C], nan if unknown, (n,)
-    defect: str = ""  # the channels that it lacks
     kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
-    result: RunReduction = field(default_factory=RunReduction)  # what is known before
+    result: RunReduction = field(default_factory=RunReduction)
+    """What is known before; its status says which channels it lacks."""
     belt_speed_m_s: float = 0.0
-    rounding_N: Array = field(default_factory=lambda: np.zeros(2))
-    """Errors of means of both tensions by coarse converters [N], (2,)."""
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """Mask of the samples with both tensions."""
-        return np.all(np.isfinite(self.tensions), axis=1)
 
 
 def run_records(
@@ -359,7 +346,7 @@ def _record(
     run.arc_deg, T_0, W = (float(columns[name][0]) if name in columns else NAN for name in NOMINAL)
     run.nominal_tension_N = W if kind.weight and np.isnan(T_0) else T_0
     run.torque_with, belt_speed = kind.span_beside_torque, 0.0
-    defects = kind.lacks(columns)
+    run.status = "; ".join(kind.lacks(columns))
     if kind.has_torque:
         torque, speed, _ = in_direction(columns)
         if drag is not None:
@@ -371,13 +358,7 @@ def _record(
         # the momentum of the belt does not load the axis
         mass = 0.0 if kind.measures == "torque_hub" else kind.mass_per_length_kg_m
         run.momentum_N = mass * belt_speed**2
-    return RunRecord(
-        time_s=columns["time_s"],
-        tensions=np.column_stack(kind.tensions(columns, run.arc_deg, R)),
-        speed=kind.relative_speed(columns, R),
-        temperature=columns.get("temperature_degC", np.full(columns["time_s"].size, NAN)),
-        defect="; ".join(defects),
-        kind=kind,
-        result=run,
-        belt_speed_m_s=belt_speed,
-    )
+    t, tensions = columns["time_s"], np.column_stack(kind.tensions(columns, run.arc_deg, R))
+    speed = kind.relative_speed(columns, R)
+    temperature = columns.get("temperature_degC", np.full(t.size, NAN))
+    return RunRecord(t, tensions, speed, temperature, kind, run, belt_speed)
