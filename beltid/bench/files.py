@@ -62,15 +62,17 @@ class Source:
 
     def _unpack(self, out: Path) -> None:
         """Unpack the file in parts, up to a limit."""
-        what = f"{self.member} in the zip file" if self.member else "the gzip file"
-        with opened(self.path) as file, out.open("wb") as target:
-            try:
+        try:
+            with opened(self.path) as file, out.open("wb") as target:
                 archive = zipfile.ZipFile(file) if self.member else None
                 packed = archive.open(self.member) if archive else gzip.GzipFile(fileobj=file)
                 while target.tell() <= MAX_BYTES and (part := packed.read(1 << 22)):
                     target.write(part)
-            except Exception:  # each compression method raises its own errors
-                raise InputError(f"{self.name}: {what} is damaged or cut off") from None
+        except InputError:
+            raise
+        except Exception:  # each compression method raises its own errors
+            what = f"{self.member} in the zip file" if self.member else "the gzip file"
+            raise InputError(f"{self.name}: {what} is damaged or cut off") from None
 
 
 def is_many(path: Path) -> bool:
