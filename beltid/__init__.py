@@ -14,13 +14,10 @@ between a V-ribbed belt and a pulley", Mechanism and Machine Theory 45 (2010) 14
 Errors that a user can correct raise a subclass of `BeltidError`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 from beltid._version import __version__ as __version__
 
-# isort: skip_file
 if TYPE_CHECKING:
     from beltid.config import Config as Config, load_config as load_config
     from beltid.errors import (

@@ -1,7 +1,5 @@
 """Entry point of ``python -m beltid`` and of the command ``beltid``."""
 
-from __future__ import annotations
-
 from beltid.cli import main
 
 __all__ = ["main"]

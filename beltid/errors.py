@@ -9,14 +9,14 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np
 
-LONGEST_LINE: Final = 4000  # message shown [characters]; hostile files have names of megabytes
-SHOWN: Final = 20  # problems of a file
-ALIKE: Final = 3  # similar problems, one by one
+LONGEST_LINE = 4000  # message shown [characters]; hostile files have names of megabytes
+SHOWN = 20  # problems of a file
+ALIKE = 3  # similar problems, one by one
 PlaceOf = Callable[[int], tuple[str, int]]
 """Row index -> text of its place, and its line number for sorting the messages."""
 EXIT_DONE = 0

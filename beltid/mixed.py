@@ -19,20 +19,18 @@ e = y - X h, the projection P that takes out the levels, and the covariance C of
 columns show is averaged over a few values (`choices`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dposv
 from scipy.optimize import minimize
 
+from beltid.arrays import Array
 from beltid.errors import NumericsError
 
-Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 LEAST_CURVED = 1e-4  # least magnitude of a curvature there, in units of its diagonal
@@ -105,7 +103,7 @@ class Posterior:
     residual: Array
     """Data without the shared columns, about their levels, which `P` takes out, (R, m)."""
     misfit: Array  # e' P e of every group: a chi-square, given the sizes, (R,)
-    model: Mixed  # the model
+    model: "Mixed"  # the model
     P: Array  # projection of (M2), at a scale of one, (R, m, m)
     level_weights: Array  # weights of the data in the level, (R, m)
     converged: bool = True  # whether the search for the sizes ended
@@ -185,7 +183,7 @@ class Mixed:
         self.tightness = np.array([1.0 / s.width if s.width > 0.0 else 0.0 for s in sizes])
         self.q = np.where(self.positive, self.m0, 0.0)[None]  # modes found last
 
-    def without_first(self) -> Mixed:
+    def without_first(self) -> "Mixed":
         """Return the model without its first shared term: its coefficients are zero."""
         return Mixed(self.y, self.shared[1:], self.own, self.one, self.scale)
 

@@ -4,18 +4,16 @@ INFO is a note, DEBUG a detail, WARNING something to look into, ERROR something 
 with the attribute `progress` is a step of a long task: its label, steps done, steps in all.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from typing import Any, Final
+from typing import Any
 
 from beltid.errors import BeltidWarning
 
-log: Final = logging.getLogger("beltid")
+log = logging.getLogger("beltid")
 log.addHandler(logging.NullHandler())
 
 

@@ -3,8 +3,6 @@
 Attribute names are the symbols of the paper; configs, columns and options use words with units.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from beltid._version import __version__
 from beltid.errors import ArtifactError, InputError
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 Kind = str | tuple[str, ...]  # of an input; or several, of which the file is one
 
-SUFFIX: Final = ".parquet"
+SUFFIX = ".parquet"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -356,7 +356,7 @@ class Stage:
         }
 
 
-STAGES: Final[dict[str, Stage]] = {}  # by the name of their command, in the order of the work
+STAGES: dict[str, Stage] = {}  # by the name of their command, in the order of the work
 
 
 def stage(

@@ -5,8 +5,6 @@ several processes share the tests, the longest folders come first, so that all e
 what takes long to make is made by one of them for all.
 """
 
-from __future__ import annotations
-
 import fcntl
 import gc
 from collections.abc import Callable, Collection

@@ -1,7 +1,5 @@
 """The science rooms stay free of files, frames and terminals, whatever the way of an import."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The mixed model against closed forms, brute force and derivatives by the complex step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad

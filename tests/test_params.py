@@ -1,7 +1,5 @@
 """Settings of a run that come from a recording are in the range of the simulated rig."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The Python API: cheap to import, frames in and out, the same numbers as the commands."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

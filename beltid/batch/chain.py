@@ -1,14 +1,12 @@
 """The chain of a belt: the method as a table of steps, and what became of each."""
 
-from __future__ import annotations
-
 import logging
 import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from beltid import stages
 from beltid.config import Config, ConfigSource
@@ -22,14 +20,14 @@ from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
 from beltid.stages.steps import STAGES
 from beltid.stages.workers import Workers
 
-DONE: Final = "done"
-UP_TO_DATE: Final = "up to date"
-TO_BE_MADE: Final = "to be made"
-FAILED: Final = "failed"
-WRONG: Final = "cannot be made"
-NO_RECORDING: Final = "no recording"
-OUT_OF_TOLERANCE: Final = "out of tolerance"
-REPORT: Final = "report"
+DONE = "done"
+UP_TO_DATE = "up to date"
+TO_BE_MADE = "to be made"
+FAILED = "failed"
+WRONG = "cannot be made"
+NO_RECORDING = "no recording"
+OUT_OF_TOLERANCE = "out of tolerance"
+REPORT = "report"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ class Step:
 
 PRESS, STIFFNESS, FRICTION = {"frame": "press"}, {"law": "stiffness"}, {"friction": "friction"}
 PUBLISHED, REFINED = {"surface": "surface"}, {"surface": "surface_refined"}
-CHAIN: Final = (
+CHAIN = (
     Step("fit-stiffness", "stiffness", PRESS),
     Step("fit-slip", "slip", {"frame": "speedloss"}),
     Step("fit-friction", "friction", {"frame": "rig"}),
@@ -74,7 +72,7 @@ CHAIN: Final = (
 """The published procedure and the refined surface, both compared with the bench; prediction of runs
 left out; and the drive of the speed-loss recording, if the config states one."""
 
-OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
+OF_RUNNING_BELT = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 """Steps that need no simulated rig; a running belt has none."""
 
 

@@ -1,7 +1,5 @@
 """All belts of a batch: their configs, their chains, their reports, and what would be done."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import multiprocessing
@@ -13,7 +11,7 @@ from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolEx
 from concurrent.futures.process import BrokenProcessPool
 from logging.handlers import QueueHandler
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from beltid import stages
 from beltid._version import __version__
@@ -41,10 +39,10 @@ from beltid.stages.workers import Result, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 from beltid.store.disk import source_sha256
 
-SPAWN: Final = multiprocessing.get_context("spawn")  # nothing is left in a temporary folder
-LAST_NOTES_S: Final = 5.0
-AT_ONCE: Final = 8  # belts whose files are read and written at the same time if a cluster computes
-COLUMNS: Final = (
+SPAWN = multiprocessing.get_context("spawn")  # nothing is left in a temporary folder
+LAST_NOTES_S = 5.0
+AT_ONCE = 8  # belts whose files are read and written at the same time if a cluster computes
+COLUMNS = (
     ("k_linear_N_m2", "fit-stiffness", "k_linear_N_m2"),
     ("k_quadratic_N_m3", "fit-stiffness", "k_quadratic_N_m3"),
     ("runs", "fit-friction", "runs"),
@@ -55,7 +53,7 @@ COLUMNS: Final = (
     ("predicted_rms_percent", "cross-validate", "rms_percent"),
 )
 """Columns of the table: name, step, fact; those of a comparison are over all its runs."""
-CONNECT_WITHIN_S: Final = 10.0
+CONNECT_WITHIN_S = 10.0
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:

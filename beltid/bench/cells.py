@@ -4,8 +4,6 @@ Arrow reads the rows of a text. Where a cell is not the number that its column b
 are read as texts, and `raw` judges those that are needed.
 """
 
-from __future__ import annotations
-
 import csv
 import datetime
 import itertools
@@ -17,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,20 +43,20 @@ from beltid.tables.schemas import RECORDINGS, table
 from beltid.tables.units import canonical_unit, is_known_unit
 
 Piece = tuple[int, int, int]  # begin and end of some lines of a text, and their number
-SEARCHED: Final = 400  # rows searched for a header below title lines
-MAX_COLUMNS: Final = 2000
-SIMILAR: Final = 5  # number of similar rows that mark the beginning of the numbers
-SEPARATORS: Final = (",", ";", "\t", "|", " ")  # the likelier first, blanks only if no other does
-OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
-TOP: Final = 1 << 18  # bytes in which the header is searched
-BLOCK: Final = 2 << 20  # bytes that Arrow reads at a time
-LONGEST_LINE: Final = 1 << 24
+SEARCHED = 400  # rows searched for a header below title lines
+MAX_COLUMNS = 2000
+SIMILAR = 5  # number of similar rows that mark the beginning of the numbers
+SEPARATORS = (",", ";", "\t", "|", " ")  # the likelier first, blanks only if no other does
+OURS = frozenset(name for kind in RECORDINGS for name in table(kind).names)
+TOP = 1 << 18  # bytes in which the header is searched
+BLOCK = 2 << 20  # bytes that Arrow reads at a time
+LONGEST_LINE = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
-_WHOLE: Final = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
-_SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)  # between no cells
-_ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")  # in exports of testXpert
+_WHOLE = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
+_SPACING = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)  # between no cells
+_ZWICK = re.compile("Standardkraft|Standardweg|Traversenweg")  # in exports of testXpert
 # A formula without a value in the XML of a sheet
-_UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
+_UNCOMPUTED = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
 
 
 @dataclass(frozen=True, slots=True)

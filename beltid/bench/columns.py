@@ -1,10 +1,8 @@
 """Columns of a run, in our units: from its tables, else from what is stated outside of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +24,11 @@ from beltid.tables.schemas import SETTINGS, Column
 from beltid.tables.units import CONVERSIONS, Conversion, canonical_unit
 from beltid.tables.values import absent, is_missing, shown_value
 
-MASTERS: Final = (  # channels that determine the result; the first one gives the time
+MASTERS = (  # channels that determine the result; the first one gives the time
     *("force_N", "displacement_mm", "driver_speed_rad_s", "driven_speed_rad_s"),
     *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
 )
-MIN_OVERLAP: Final = 5  # fewest samples of the master in the time that all channels share
+MIN_OVERLAP = 5  # fewest samples of the master in the time that all channels share
 
 
 @dataclass(frozen=True, slots=True)

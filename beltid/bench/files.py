@@ -1,7 +1,5 @@
 """Files of a recording: those that a path names, their format by their bytes, what is packed."""
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import glob
@@ -14,13 +12,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import Final
 
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES, opened, sha256
 
-MAX_FILES: Final = 5000
-_SIGNATURES: Final = (
+MAX_FILES = 5000
+_SIGNATURES = (
     (rb"PAR1", "parquet"),
     (rb"\x1f\x8b", "gzip"),
     (rb"TDSm", "tdms"),
@@ -31,8 +28,8 @@ _SIGNATURES: Final = (
     (rb"PK\x03\x04|PK\x05\x06", "zip"),
     (rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]", "uff"),  # -1, the number of a dataset
 )
-_NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
-_COMPANIONS: Final = frozenset({".tdms_index", ".lnk", ".db", ".ini"})
+_NOT_RECORDINGS = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
+_COMPANIONS = frozenset({".tdms_index", ".lnk", ".db", ".ini"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,12 @@ Waveforms (TDMS, MDF, universal files, LVM) have times of their own. Of variable
 vector is a column, a number or text a header field. Parquet is read like a table in memory.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,17 +20,17 @@ from beltid.config.model import DialectSection
 from beltid.errors import SHOWN, InputError, Problems
 from beltid.tables.units import CONVERSIONS, T, conversion
 
-SCALING: Final = {  # properties that scale counts of a converter -> the value without effect
+SCALING = {  # properties that scale counts of a converter -> the value without effect
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
     **dict.fromkeys(("offset", "intercept", "y_intercept", "bias", "add_offset"), 0.0),
     "scale_factor": 1.0,
 }
-TIME: Final = "time_s"  # name of the times of samples, if a format has them besides its channels
-UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")  # keys
+TIME = "time_s"  # name of the times of samples, if a format has them besides its channels
+UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")  # keys
 Variables = Mapping[str, "Written | Variables"]
 # The header line that names the separator, which is written with the separator itself
-_SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
-_TECHNICAL: Final = re.compile(  # header keys that describe the format, not the measurement
+_SEPARATOR = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
+_TECHNICAL = re.compile(  # header keys that describe the format, not the measurement
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )

@@ -3,8 +3,6 @@
 A unit is stated in the config or in the file. What is ambiguous is asked, never guessed.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections import Counter
@@ -12,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Self
 
 import pandas as pd
 
@@ -45,20 +43,20 @@ from beltid.tables.units import (
     conversion,
 )
 
-RAW: Final = ("V", "mV", "mV/V", "A", "mA")  # units of raw signals, which need a calibration
-NO_UNIT: Final = ("", "-", "1")
-FORCES: Final[tuple[str, ...]] = (  # any two of a friction rig give the forces of both spans
+RAW = ("V", "mV", "mV/V", "A", "mA")  # units of raw signals, which need a calibration
+NO_UNIT = ("", "-", "1")
+FORCES: tuple[str, ...] = (  # any two of a friction rig give the forces of both spans
     *("tension_tight_N", "tension_slack_N", "weight_N", "torque_N_m", "hub_force_N"),
 )
-_IN_RPM: Final = re.compile(  # names of speeds in turns per minute
+_IN_RPM = re.compile(  # names of speeds in turns per minute
     r"drehzahl|(?<!\d)(?<!\d )rpm|\b(?:upm|(?:u|1|r|tr|rev|tours)/min|min(?:\^?-|⁻)[1¹])(?!\w)",
     re.IGNORECASE,
 )
-_DIGITS: Final = "0123456789 "
-_PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
-_NUMBER_AND_UNIT: Final = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
-_END: Final = str.maketrans(" /", "__")
-OTHER_UNITS: Final = {  # names such as ``force_kN`` -> the column ``force_N``, and ``kN``
+_DIGITS = "0123456789 "
+_PER_SECOND = ("1/s", "s-1", "s^-1", "s⁻¹")
+_NUMBER_AND_UNIT = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
+_END = str.maketrans(" /", "__")
+OTHER_UNITS = {  # names such as ``force_kN`` -> the column ``force_N``, and ``kN``
     column.name.removesuffix(column.unit.translate(_END)) + unit.translate(_END): (
         column.name,
         unit,
@@ -88,7 +86,7 @@ class Needs:
     problems: Problems = field(default_factory=Problems)
 
     @classmethod
-    def of(cls, config: Config | None, kind: str) -> Needs:
+    def of(cls, config: Config | None, kind: str) -> Self:
         """Return what a config states for a kind of recording."""
         table = schemas.table(kind)
         if config is None:

@@ -9,8 +9,6 @@ Clock times become seconds from the first sample of a run: times of day (``13:45
 after a date; ISO; offsets such as +02:00, Z and UTC. Time stamps of Arrow and Excel come as texts.
 """
 
-from __future__ import annotations
-
 import functools
 import re
 import unicodedata
@@ -18,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -33,45 +31,43 @@ from beltid.tables.units import canonical_unit, is_known_unit
 from beltid.tables.values import is_missing
 
 # Texts that people, spreadsheets and compilers write for a missing number
-_WORDS: Final = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA> 1.#IND"
-_ERRORS: Final = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL! 1.#QNAN -1.#IND"
-MISSING: Final = frozenset(("", "-1.#QNAN", *_WORDS.split(), *_ERRORS.split()))
-NO_NUMBER: Final = "must be a number"
+_WORDS = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA> 1.#IND"
+_ERRORS = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL! 1.#QNAN -1.#IND"
+MISSING = frozenset(("", "-1.#QNAN", *_WORDS.split(), *_ERRORS.split()))
+NO_NUMBER = "must be a number"
 # Typographic apostrophes, blanks and minus signs -> those of a keyboard
-_PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
-_SINGLE: Final = re.compile(
-    r"[-+]?(?=[.,]?\d)\d*(?:(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?", re.ASCII
-)
-GROUPED: Final = re.compile(
+_PLAIN = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
+_SINGLE = re.compile(r"[-+]?(?=[.,]?\d)\d*(?:(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?", re.ASCII)
+GROUPED = re.compile(
     r"[-+]?[1-9]\d{0,2}(?P<sign>[.,' ])\d{3}(?P<more>(?:(?P=sign)\d{3})*)"
     r"(?:(?!(?P=sign))(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?",
     re.ASCII,
 )
-_OTHER: Final = {",": ".", ".": ","}
-DAY_S: Final = 86400.0
-_DATE: Final = re.compile(
+_OTHER = {",": ".", ".": ","}
+DAY_S = 86400.0
+_DATE = re.compile(
     r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})[-./](?P<c>\d{4}|\d{1,2})"
     r"(?:[T ]00:00(?::00(?:[.,]0+)?)?)?",
     re.ASCII,
 )
-_CLOCK: Final = re.compile(
+_CLOCK = re.compile(
     r"^(?:(?P<date>[\d./-]{6,10})(?:T|,?\s+))?"
     r"(?P<time>(?:[01]?\d|2[0-3]):[0-5]\d:[0-5]\d(?:[.,]\d{1,30}|:\d{3}|:\d{6})?)"
     r"(?:\s*(?P<zone>Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?$",
     re.ASCII,
 )
-LONGEST_TEXT: Final = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
-_NUMERIC: Final = (types.is_null, types.is_decimal, types.is_integer, types.is_floating)
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among those of its name
+LONGEST_TEXT = 1000  # bytes of a text; a file can repeat a long one in every row at no cost
+_NUMERIC = (types.is_null, types.is_decimal, types.is_integer, types.is_floating)
+POSITION = re.compile(r" #\d{1,4}(?=\s|$)")  # number of a channel among those of its name
 # Units that none of our columns has, but that occur in a row of units
-_SEEN: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
-OTHER_UNITS: Final = frozenset((*_SEEN.split(), "N/mm", "N/mm²", "l/min"))
-IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")  # may hold the unit
+_SEEN = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
+OTHER_UNITS = frozenset((*_SEEN.split(), "N/mm", "N/mm²", "l/min"))
+IN_NAME = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")  # may hold the unit
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
-_AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
-_BEFORE_NAME: Final = re.compile(r"^\[([^\[\]]*[^\W\d_][^\[\]]*)\](?=\s*\S)")  # "[1]" is a number
-_CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")  # of the recorder
-_UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+_AFTER_NAME = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+_BEFORE_NAME = re.compile(r"^\[([^\[\]]*[^\W\d_][^\[\]]*)\](?=\s*\S)")  # "[1]" is a number
+_CHANNEL = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")  # of the recorder
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
 def is_number(cell: str) -> bool:
@@ -90,7 +86,7 @@ class NumberSigns:
     @classmethod
     def of(
         cls, cells: Iterable[str], decimal: str | None = None, thousands: str | None = None
-    ) -> NumberSigns:
+    ) -> Self:
         """Detect the signs in some cells; stated signs take precedence."""
         decimals, groups = set[str | None](), set[str]()
         for plain in (cell.translate(_PLAIN) for cell in cells):

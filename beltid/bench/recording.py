@@ -1,7 +1,5 @@
 """Read recordings of the benches: files of any format in, validated columns out."""
 
-from __future__ import annotations
-
 import logging
 import re
 import warnings
@@ -9,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path, PurePath
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -36,9 +34,9 @@ from beltid.tables import schemas
 from beltid.tables.schemas import Table
 from beltid.tables.values import absent
 
-IN_OUR_UNITS: Final = "in_our_units"
+IN_OUR_UNITS = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
-READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {  # texts take the dialect, too
+READERS: dict[str, Callable[[Path, str], Iterator[Raw]]] = {  # texts take the dialect, too
     "tdms": formats.read_tdms,
     "mdf": formats.read_mdf,
     "uff": formats.read_uff,
@@ -47,14 +45,14 @@ READERS: Final[dict[str, Callable[[Path, str], Iterator[Raw]]]] = {  # texts tak
     "excel": cells.read_excel,
     "parquet": read_parquet,
 }
-SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
-_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
-_UNIT_WORDS: Final = {  # setting -> how its unit is written behind a number in the name of a file
+SETTINGS = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
+_NUMBER = r"[-+]?\d+(?:[.,p]\d+)?"
+_UNIT_WORDS = {  # setting -> how its unit is written behind a number in the name of a file
     "arc_deg": r"(?i:deg|grad|°)",
     "initial_tension_N": r"[Nn]",
     "temperature_degC": r"(?:C|degC|°C)",
 }
-GAP: Final = 3.0  # steps of time over which samples are missing
+GAP = 3.0  # steps of time over which samples are missing
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,13 +1,11 @@
 """Runs of a recording: which tables they are, their labels, all runs joined, and checked."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,11 +17,11 @@ from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column
 from beltid.tables.values import absent, outside, shown_value
 
-RESTART: Final = 0.05  # share of the run before, into which time falls back in a new run
-MIN_SAMPLES: Final = 10
-PHASE: Final = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
-OTHER_RUN: Final = 100.0  # least ratio of the largest run to one in another unit
-TRUTHS: Final = {"1": "true", "yes": "true", "ja": "true", "oui": "true"} | dict.fromkeys(
+RESTART = 0.05  # share of the run before, into which time falls back in a new run
+MIN_SAMPLES = 10
+PHASE = 5  # fewest consecutive samples of a phase in which the pulley stands or turns
+OTHER_RUN = 100.0  # least ratio of the largest run to one in another unit
+TRUTHS = {"1": "true", "yes": "true", "ja": "true", "oui": "true"} | dict.fromkeys(
     ("0", "no", "nein", "non"), "false"
 )
 

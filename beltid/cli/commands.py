@@ -3,8 +3,6 @@
 Their docstrings are their help, with the meaning of each argument and option.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Literal

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
@@ -30,11 +30,11 @@ from beltid.store.disk import check_place, write_bytes
 if TYPE_CHECKING:
     from beltid.report.summary import Summary
 
-NOTHING: Final = "nothing was written"
-MOST_WARNINGS: Final = 10  # that are printed without --verbose
-LINE_EVERY_S: Final = {True: 0.2, False: 10.0}  # of progress: on a terminal, in a log
-WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
-CLEAR_LINE: Final = "\r\x1b[2K"  # terminal codes that clear the line of progress
+NOTHING = "nothing was written"
+MOST_WARNINGS = 10  # that are printed without --verbose
+LINE_EVERY_S = {True: 0.2, False: 10.0}  # of progress: on a terminal, in a log
+WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
+CLEAR_LINE = "\r\x1b[2K"  # terminal codes that clear the line of progress
 
 _kept: list[str] = []
 

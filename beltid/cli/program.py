@@ -1,14 +1,12 @@
 """The program: its commands, made from functions and their docstrings, and the entry point."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Final, get_origin
+from typing import Annotated, Any, get_origin
 
 import typer
 from typer.core import TyperGroup
@@ -20,14 +18,14 @@ from beltid.errors import EXIT_INPUT, printable
 from beltid.notes import log
 from beltid.stages.steps import STAGES
 
-MAIN_HELP: Final = """\
+MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
 From bench recordings to a friction law that is proven on a simulated copy of the bench (method of
 Cepon, Manin and Boltezar, 2010). `beltid run CONFIG.yaml` goes through all steps, and through the
 drive if the config has one. Results go to stdout, messages and progress to stderr.
 """
-STATUSES: Final = {
+STATUSES = {
     "0": "done",
     "1": "a bug in beltid, with a traceback",
     "2": "wrong call, config or input; the message says what to correct",
@@ -36,7 +34,7 @@ STATUSES: Final = {
     "5": "run: some of several belts failed",
     "130": "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed",
 }
-FIRST: Final = {
+FIRST = {
     "inspect": "FILE -> how it is read, and a config section",
     "init": "write a commented config for a new belt",
     "run": "CONFIG.yaml -> runs/<belt>/: all steps",
@@ -46,7 +44,7 @@ FIRST: Final = {
     "config": "show or check a config",
 }
 """Commands that are no steps, in the order of the help."""
-SHORT: Final = {
+SHORT = {
     "jobs": "-j",
     "dry_run": "-n",
     "config": "-c",
@@ -56,11 +54,11 @@ SHORT: Final = {
     "force": "-f",
 }
 """Short names of options."""
-FILES: Final = (
+FILES = (
     "CSV, Zwick, LabVIEW .lvm, TDMS, MDF, MATLAB, Excel, Parquet; or a folder, a pattern in quotes "
     "or a zip file with a file per run"
 )
-KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
+KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 
 def config_of(file: Path | None, common: Common) -> Any:

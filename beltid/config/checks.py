@@ -6,8 +6,6 @@ A check returns the value as it is stored, or raises `complain`; its range is it
 the bound that is checked and the bound that is printed cannot differ.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -16,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
@@ -24,12 +22,12 @@ from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 from beltid.tables.schemas import interval
 from beltid.tables.units import CONVERSIONS, calibration, conversion
 
-FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
-PLAIN_WORDS: Final = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
-LARGEST: Final = sys.float_info.max
-_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
+FOLDER_NAME = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
+PLAIN_WORDS = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
+LARGEST = sys.float_info.max
+_NUMBER = r"[-+]?\d+(?:[.,p]\d+)?"
 Check = Callable[[Any], Any]
-SI: Final[dict[str, tuple[str, Callable[[float], float]]]] = {
+SI: dict[str, tuple[str, Callable[[float], float]]] = {
     "_N_m_deg": ("_N_m_rad", math.degrees),
     "_mm_N": ("_m_N", lambda value: value / 1000.0),
     "_deg": ("_rad", math.radians),

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -22,10 +22,10 @@ SHOWN = 40
 ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
 UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")  # key; of other errors, the value
 LAYOUT = ("columns", "units", "runs")
-MAX_BYTES: Final = 100_000
+MAX_BYTES = 100_000
 KeyPath = tuple[str | int, ...]
 Place = tuple[int, int]  # line and column, from 1; 0 if unknown
-HEAD: Final = """\
+HEAD = """\
 # Config of the belt {name}, for beltid.
 #
 # Units are part of a key. A line such as "# ribs: 5" shows a default: remove the # and enter your
@@ -33,7 +33,7 @@ HEAD: Final = """\
 # all keys with their values, including the sections friction, simulation, drive and plan, and
 # columns, units and dialect for files in another format.
 """
-SECTIONS: Final = (
+SECTIONS = (
     *("belt", "press", "rig", "conditions", "contact", "data"),
     *("compare", "compare_drive", "uncertainty"),
 )

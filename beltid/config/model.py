@@ -4,14 +4,12 @@ The model is closed (an unknown key is an error) and frozen. The defaults are th
 with a 5PK belt, so an empty config is complete.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal, cast
+from typing import Any, Literal, Self, cast
 
 from pydantic import PrivateAttr, field_serializer
 
@@ -318,8 +316,8 @@ class DialectSection(Section):
     )
 
 
-KINDS: Final = ("press", "rig", "speedloss")
-SYMBOLS: Final = {"deg": "°", "degC": "°C"}  # unit of a column -> its symbol in a config
+KINDS = ("press", "rig", "speedloss")
+SYMBOLS = {"deg": "°", "degC": "°C"}  # unit of a column -> its symbol in a config
 
 
 def _value(column: Column) -> checks.Check:
@@ -345,13 +343,11 @@ def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks
     return found
 
 
-_FILES: Final = {"pattern": checks.pattern_of_names, "table": checks.file_path}
-_VALUES: Final = _by_kind(lambda c: _value(c) if c.name in SETTINGS else None)
-COLUMNS: Final = checks.Keys(_by_kind(lambda c: checks.text))
-UNITS: Final = checks.Keys(
-    _by_kind(lambda c: checks.unit_of(c.unit) if c.dtype == "float64" else None)
-)
-RUNS: Final = checks.Keys(
+_FILES = {"pattern": checks.pattern_of_names, "table": checks.file_path}
+_VALUES = _by_kind(lambda c: _value(c) if c.name in SETTINGS else None)
+COLUMNS = checks.Keys(_by_kind(lambda c: checks.text))
+UNITS = checks.Keys(_by_kind(lambda c: checks.unit_of(c.unit) if c.dtype == "float64" else None))
+RUNS = checks.Keys(
     {k: checks.Keys({**_FILES, "values": of}, dict.fromkeys(_FILES)) for k, of in _VALUES.items()}
 )
 
@@ -386,7 +382,7 @@ class Config(Section):
     runs: dict[str, dict[str, Any]] = key(RUNS({}), "", RUNS)
     dialect: DialectSection = DialectSection()
 
-    def with_rig(self, shown: Mapping[str, str]) -> Config:
+    def with_rig(self, shown: Mapping[str, str]) -> Self:
         """Return the config with what channels show of the rig: kind, holds if not stated."""
         rig = self.rig.model_copy(update={"holds": self.rig.holds or shown.get("holds")})
         rig._shown = dict(shown)

@@ -4,15 +4,12 @@ A recording resolves a part of the loss that exceeds three standard uncertaintie
 at some point. Friction is not tested unless a pulley slides on most of its arc.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array, Columns, Mask
 
 RESOLVED = 3.0  # standard uncertainties of the difference that a resolved part must exceed
 MOST_OF_ARC = 0.7  # share of an arc that must slide for the loss to depend on friction
@@ -21,10 +18,10 @@ ENOUGH = 0.5  # share of the points to be judged that must have a prediction
 
 def compare_losses(
     points: Mapping[str, Array],
-    usable: NDArray[np.bool_],
+    usable: Mask,
     max_rms_relative_error: float,
     min_torque_share: float,
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any], bool]:
+) -> tuple[Columns, dict[str, Any], bool]:
     """Judge a prediction by the points with enough torque: a share of the largest one [-].
 
     The points have columns (n,) of the comparison's table, nan without a steady state; those

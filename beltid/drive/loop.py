@@ -5,22 +5,18 @@ and the angle of the tensioner's arm. The equations are (D7) to (D9): the torque
 the driver, the length of the belt or a given force, the moment of the arm, the driver's speed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, root
 
+from beltid.arrays import Array
 from beltid.drive.model import DrivePoint, Layout, arm_moment, layout, preceding
 from beltid.drive.string import Arcs, Level
 from beltid.errors import ConvergenceError, InputError
 from beltid.rig.flow import FlowState
-
-Array = NDArray[np.float64]
 
 ARM_STEP = math.radians(0.5)  # in which the arm of a tensioner is turned until a sign changes
 TOLERANCE = 1e-8  # of the scaled equations: torque over T_0 R, strain over T_0/EA, speed

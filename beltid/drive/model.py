@@ -6,23 +6,20 @@ the direction ``t`` of a span and its left normal ``n``, the belt touches a pull
 length L of the span and its direction.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import InputError
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import HALF_TREND, FrictionSurface, continued
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-
-Array = NDArray[np.float64]
 
 ARM_MISFIT = 0.03  # error of a tensioner pulley's distance from the pivot, over the arm length
 
@@ -99,7 +96,7 @@ class Drive:
         """Return the stretch 1 + eps, (D1) [-], at effective forces P [N] and a flow v0 [m/s]."""
         return np.asarray((self.belt.EA + P) / (self.belt.EA - self.belt.rhoA * v0**2))
 
-    def reversed(self) -> Drive:
+    def reversed(self) -> Self:
         """Reverse the running direction of the belt: the pulleys in reverse order."""
         last, arm = len(self.pulleys) - 1, self.tensioner
         return replace(
@@ -127,7 +124,7 @@ class DrivePoint:
         if self.T_0 <= 0.0:
             raise InputError(f"initial tension {self.T_0:g} N, must be > 0")
 
-    def scaled(self, factor: float) -> DrivePoint:
+    def scaled(self, factor: float) -> Self:
         """Multiply all torques and powers by a factor; 0 lets the drive idle."""
         return replace(
             self,
@@ -135,7 +132,7 @@ class DrivePoint:
             power=tuple(factor * power for power in self.power),
         )
 
-    def reversed(self) -> DrivePoint:
+    def reversed(self) -> Self:
         """Reverse the order of the pulleys, to match :meth:`Drive.reversed`."""
         return replace(self, torque=self.torque[::-1], power=self.power[::-1])
 

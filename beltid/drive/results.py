@@ -5,28 +5,23 @@ speed ratio is a sum of contributions of strains, penetrations and the sliding o
 (D10); the loss is divided in that proportion.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.drive.loop import LoopState, RestState
 from beltid.drive.model import Drive, DrivePoint, preceding
 from beltid.rig.flow import FlowState
 
-Array = NDArray[np.float64]
+ADHESION = "adhesion"
+FULL_SLIP = "full slip"
+GROSS_SLIP = "gross slip"
+SLACK = "slack"
 
-ADHESION: Final = "adhesion"
-FULL_SLIP: Final = "full slip"
-GROSS_SLIP: Final = "gross slip"
-SLACK: Final = "slack"
-
-SHARES: Final = (
+SHARES = (
     "slip_speed_max_m_s",
     "normal_force_min_N_m",
     "normal_force_max_N_m",

@@ -7,8 +7,6 @@ speed, stress-free length, and the part of the arc on which the belt can slide t
 Then the rods are solved with its forces, until these no longer change, usually twice.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from contextlib import suppress
@@ -17,9 +15,9 @@ from functools import cache, cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from beltid.arrays import Array
 from beltid.drive.loop import Loop, LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import DriveResult
@@ -30,7 +28,6 @@ from beltid.rig.flow import FlowPulley, FlowState, flow
 from beltid.rig.forces import friction
 from beltid.rig.mesh import bending_length
 
-Array = NDArray[np.float64]
 Rods = tuple[FlowState | None, ...]
 Method = Literal["string", "rod"]
 
@@ -97,7 +94,7 @@ class Simulator:
         return self._forwards(point, near)
 
     @cached_property
-    def backwards(self) -> Simulator:
+    def backwards(self) -> "Simulator":
         """Simulator of the belt that runs the other way."""
         return Simulator(self.drive.reversed(), self.method)
 

@@ -7,24 +7,20 @@ entry; a pulley that slides as a whole differs from it by the sliding speed x at
 What rods differ by from strings is added here (D12), (D15).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from beltid.arrays import Array
 from beltid.drive.model import Drive, Layout, Pulley, following
 from beltid.laws import penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.banded import kernel
 from beltid.rig.forces import elastic_force, elastic_stiffness, friction
-
-Array = NDArray[np.float64]
 
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
@@ -182,7 +178,7 @@ class Level:
     ends: Array | float = 0.0
 
     @classmethod
-    def of(cls, drive: Drive) -> Level:
+    def of(cls, drive: Drive) -> Self:
         """Return a drive of strings."""
         back = FrictionSurface.constant(drive.back_friction)
 

@@ -4,13 +4,11 @@ The text contains the SHA-256 of its content, so that a law edited by hand is no
 identified one. To use an edited law, remove the key ``content_sha256``.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -33,11 +31,11 @@ from beltid.laws.penalty import NormalLaw
 from beltid.store.artifact import Origin, plain
 from beltid.store.disk import sha256
 
-FORMAT: Final = "beltlaw"
-VERSION: Final = 1
-SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
-SEAL: Final = "content_sha256"
-SUFFIX: Final = ".beltlaw.json"
+FORMAT: Literal["beltlaw"] = "beltlaw"
+VERSION: Literal[1] = 1
+SCHEMA_ID = f"urn:beltid:{FORMAT}:{VERSION}"
+SEAL = "content_sha256"
+SUFFIX = ".beltlaw.json"
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 FolderName = Annotated[str, Field(pattern=f"^{FOLDER_NAME}$"), BeforeValidator(folder_name)]

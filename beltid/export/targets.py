@@ -8,34 +8,31 @@ To add a program, add its templates and a line to `TARGETS`; `_values` lists wha
 use. Templates are written in Jinja, with ``${value}`` and ``<% statement %>``.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re
 import textwrap
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import Problems, percent
 from beltid.export.law import ContactLaw, law_text
 from beltid.laws.bicubic import log_nodes
 from beltid.laws.friction_surface import FrictionSurface
 
-Array = NDArray[np.float64]
-TABLE: Final = "straight lines between nodes"
-LINEAR: Final = "linear normal law"
-CONSTANT: Final = "constant mu"
-SAMPLES: Final = 121
-TABLE_TOLERANCE: Final = 1.0e-3
-FINEST: Final = 8  # largest number of table intervals per cell of the surface
-FEWEST: Final = 4  # smallest number of nodes on an axis of a table: a spline of Adams needs them
-PENETRATIONS: Final = 65
-WIDTH: Final = 92
-MAT_TEXT_BYTES: Final = 116  # length of the free text at the beginning of a MAT-file of version 5
+TABLE = "straight lines between nodes"
+LINEAR = "linear normal law"
+CONSTANT = "constant mu"
+SAMPLES = 121
+TABLE_TOLERANCE = 1.0e-3
+FINEST = 8  # largest number of table intervals per cell of the surface
+FEWEST = 4  # smallest number of nodes on an axis of a table: a spline of Adams needs them
+PENETRATIONS = 65
+WIDTH = 92
+MAT_TEXT_BYTES = 116  # length of the free text at the beginning of a MAT-file of version 5
 
 
 class Target(NamedTuple):
@@ -46,7 +43,7 @@ class Target(NamedTuple):
     reduced: tuple[str, ...] = ()
 
 
-TARGETS: Final = {
+TARGETS = {
     "json": Target("contact law of beltid, an open text file"),
     "exudyn": Target(
         "Exudyn: Python module for ObjectContactFrictionCircleCable2D",

@@ -5,8 +5,6 @@ averaged over arcs, and grouped by normal force. Only runs that a fitted surface
 it (:func:`folds`): all runs of one contact arc, or of one speed but the outermost, are left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -17,10 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from beltid.arrays import Array, Columns
 from beltid.errors import InputError, TooFewSettings, counted
-from beltid.identify.estimators import Array, settings_of
-
-Columns = dict[str, NDArray[Any]]
+from beltid.identify.estimators import settings_of
 
 OK = "ok"
 GOOD_RATIO = 0.6, 1.2  # RMS error over its standard uncertainty that neither side has to explain

@@ -5,15 +5,12 @@ Neighbouring samples are correlated, by filters, ripple and drift: the standard 
 noise are allowed: every threshold has a floor relative to the size of the signal.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from beltid.arrays import Array, Mask
 
 MAD_TO_SIGMA, MEAN_DEVIATION_TO_SIGMA = 1.482602218505602, 1.2533141373155003
 """Ratio of standard deviation to median and mean absolute deviation, normal distribution."""

@@ -5,19 +5,16 @@ by creep, proportional to the torque, until the belt slips grossly. The largest 
 slip gives the largest sliding speed ``v = omega_loss R`` that the friction rig has to cover.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array, Columns, Mask
 from beltid.errors import InputError
 from beltid.identify.estimators import (
-    Array,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
@@ -28,7 +25,6 @@ from beltid.identify.estimators import (
 )
 from beltid.laws.capstan import sliding_speed
 
-Columns = dict[str, NDArray[Any]]
 Runs = dict[str, list[Array]]  # samples of each run by column
 
 DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"
@@ -68,8 +64,8 @@ class SlipResult:
 
 
 def gross_slip(
-    speed: Array, tension: Array, torque: Array, loss: Array, se: Array, usable: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+    speed: Array, tension: Array, torque: Array, loss: Array, se: Array, usable: Mask
+) -> Mask:
     """Mark usable runs with gross slip; arrays with one entry per run, nan where unknown.
 
     The creep [rad/s per N m] of a driver speed and tension is the median loss per torque of the

@@ -12,17 +12,14 @@ corner values, so the patch does, too. Where nothing is scaled, the surface *is*
 elsewhere it is C1.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array
 
 # power-basis coefficients of a cubic from (value, value, slope, slope) at s = 0, 1
 _HERMITE = np.array(

@@ -5,15 +5,14 @@ axis. A moving belt is pressed on by what its momentum leaves. Arcs are angles [
 forces [N], R the radius of the belt's centreline on the pulley [m].
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array
+
 Number = TypeVar("Number", float, Array)
 LARGEST_TURN = 0.25  # angle of a bent span beyond which the closed form is not valid [rad]
 

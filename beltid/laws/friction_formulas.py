@@ -12,16 +12,14 @@ reference force [N/m]. For a given exponent a and speed scale (v0 or v_s), every
 amplitudes c: ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` with the terms phi_k of the law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array
+
 COMPLEX_STEP = 1e-30  # nothing is subtracted, so the derivative is exact to rounding
 
 
@@ -110,4 +108,4 @@ _LAWS = (
     _stribeck(2),
 )
 # by name, in order of increasing complexity
-FRICTION_LAWS: Final[Mapping[str, FrictionLaw]] = {law.name: law for law in _LAWS}
+FRICTION_LAWS: Mapping[str, FrictionLaw] = {law.name: law for law in _LAWS}

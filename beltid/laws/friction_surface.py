@@ -9,17 +9,16 @@ surface may therefore have a factor S of the covariance ``S S'`` of ln mu at all
 column for each shared source and more columns for the scatter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
+from beltid.arrays import Array, Mask
 from beltid.errors import InputError
 from beltid.laws.bicubic import (
     SurfaceTables,
@@ -30,8 +29,6 @@ from beltid.laws.bicubic import (
     local,
     log_nodes,
 )
-
-Array = NDArray[np.float64]
 
 MIN_RELATIVE_GAP = 1e-9  # between closer nodes, rounding spoils the slope
 HALF_TREND = 0.5
@@ -181,7 +178,7 @@ class FrictionSurface:
         _, mu_s, mu_t = evaluate_cell(self._tables.C, i, j, s, t)
         return (mu_s * ds_df)[()], (mu_t * dt_dv * np.where(v < 0.0, -1.0, 1.0))[()]
 
-    def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
+    def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Mask:
         """Return whether points lie within the measured range, where no input is clamped."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
         (f_low, f_high), (v_low, v_high), _ = self.validity.values()
@@ -341,7 +338,7 @@ def _axis_problems(name: str, nodes: Array) -> list[str]:
 
 
 def _value_problems(
-    name: str, values: Array, shape: tuple[int, ...], wrong: NDArray[np.bool_], allowed: str
+    name: str, values: Array, shape: tuple[int, ...], wrong: Mask, allowed: str
 ) -> list[str]:
     problems = [
         f"{name}[{', '.join(map(str, k))}] = {values[tuple(k)]:g}, must be {allowed}"

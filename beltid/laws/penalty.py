@@ -5,17 +5,16 @@ metres of deformation. This module uses the penetration ``delta = -g_N >= 0`` in
 of belt, so that Eq. (3) becomes ``f_N(delta) = k_linear delta + k_quadratic delta**2`` [N/m].
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltid.arrays import Array
 from beltid.errors import InputError
 
-Number = TypeVar("Number", float, NDArray[np.float64])
+Number = TypeVar("Number", float, Array)
 
 
 def elastic_force(delta: Number, k_linear: float, k_quadratic: float) -> Number:
@@ -61,18 +60,18 @@ class NormalLaw:
         if problems:
             raise InputError(problems)
 
-    def force(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
+    def force(self, penetration_m: ArrayLike) -> Array:
         """Compute the line force [N/m] at a penetration [m], Eq. (3); zero in an open gap, < 0."""
         delta = np.maximum(np.asarray(penetration_m, dtype=float), 0.0)
         return elastic_force(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
 
-    def stiffness(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
+    def stiffness(self, penetration_m: ArrayLike) -> Array:
         """Differentiate :meth:`force` with respect to the penetration [N/m²]."""
         delta = np.asarray(penetration_m, dtype=float)
         slope = elastic_stiffness(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
         return np.where(delta > 0.0, slope, 0.0)
 
-    def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
+    def penetration(self, force_N_m: ArrayLike) -> Array:
         """Compute the penetration [m] under a line force [N/m], the inverse of :meth:`force`.
 
         A negative force raises an InputError.

@@ -10,8 +10,6 @@ the scatter of the friction from run to run, the scatter of the tensions in Eq. 
 of the simulated coefficient that the surface fit allows for.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -12,32 +12,31 @@ scatter, and the change C of p by each shared error, are what is known; new runs
 and the objective is the mean variance over a target of weights W, u² = tr W (Sigma + C C') (P3).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.refine.posterior import Curves
-from beltid.uncertainty.sources import FITTED, Array, Source
+from beltid.uncertainty.sources import FITTED, Source
 
-TIE: Final = 1.0e-9  # relative difference of two variances that counts as equal; the first one wins
-ARCS: Final = 3  # fewest arcs of a plan, if the rig has as many and the plan twice as many runs
-FEWEST_WITH_REPEAT: Final = 3  # plans with at least so many runs repeat one
-SAME_SPEED: Final = 0.1  # largest distance in ln v at which a run belongs to a speed of the surface
-PLACES: Final = 30  # forces at each speed of a target
-REGIONS: Final = 3  # along each axis
-WORTH: Final = 0.1  # share of the uncertainty that runs must remove to be worth their time
-LOOK_AHEAD: Final = 24  # number of runs used to judge whether more runs can help at all
-LEAST: Final = 1.0e-6  # contribution [-] that is named
-MOSTLY: Final = 0.5  # shared errors dominate above this share of the variance
-OF_CELLS: Final = ("cell_gain", "cell_offset")
+TIE = 1.0e-9  # relative difference of two variances that counts as equal; the first one wins
+ARCS = 3  # fewest arcs of a plan, if the rig has as many and the plan twice as many runs
+FEWEST_WITH_REPEAT = 3  # plans with at least so many runs repeat one
+SAME_SPEED = 0.1  # largest distance in ln v at which a run belongs to a speed of the surface
+PLACES = 30  # forces at each speed of a target
+REGIONS = 3  # along each axis
+WORTH = 0.1  # share of the uncertainty that runs must remove to be worth their time
+LOOK_AHEAD = 24  # number of runs used to judge whether more runs can help at all
+LEAST = 1.0e-6  # contribution [-] that is named
+MOSTLY = 0.5  # shared errors dominate above this share of the variance
+OF_CELLS = ("cell_gain", "cell_offset")
 """Errors of each cell, which reversing the pulley swaps."""
 
 Need = Literal["arc", "repetition"]
@@ -53,7 +52,7 @@ class RunRows:
     variance: Array  # of ln mu by the noise of the run, (n,)
     arc: NDArray[np.intp]  # number of the arc setting, (n,)
 
-    def in_both_directions(self, sources: Sequence[Source]) -> RunRows:
+    def in_both_directions(self, sources: Sequence[Source]) -> "RunRows":
         """Append every run in the other direction, numbered after those in the first (2n).
 
         The errors of the cells have changed places; those of one size for both cells.
@@ -74,7 +73,7 @@ class Knowledge:
     scatter: Array  # covariance by scatter, and by what was never measured, (size, size)
     changes: Array  # of the parameters by one u of each shared error, (size, K)
 
-    def after(self, runs: RunRows, chosen: Sequence[int]) -> Knowledge:
+    def after(self, runs: RunRows, chosen: Sequence[int]) -> "Knowledge":
         """Update with some of the runs, (P2); a run counts as often as it is listed."""
         rows = list(chosen)
         if not rows:

@@ -10,8 +10,6 @@ differentiation of least squares) and the change de of measured minus simulated 
 fit. The bending stiffness counts with the error that the runs leave to it.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -12,8 +12,6 @@ friction. Errors that the runs share are no part of the estimate, or every trace
 would be taken for one of the bench; what the runs say of them is found beside it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -6,14 +6,12 @@ Okabe and Ito for a few groups and cividis for an ordered quantity; groups also 
 line, so that grey print tells them apart.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -25,30 +23,30 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from beltid.report.results import LABELS, BeltResults, Sheet
 from beltid.report.summary import axis, quantity
 
-WIDTH: Final = 5.2  # width of a figure [in], which still fits a narrow screen
+WIDTH = 5.2  # width of a figure [in], which still fits a narrow screen
 HEIGHT, TALL = 4.4, 5.8  # of a figure; of one with two axes above each other, or of a drive
-NO_DATES: Final[dict[str, dict[str, Any]]] = {
+NO_DATES: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-WIDE: Final = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
-LONGEST_NAME: Final = 48  # characters per line of a legend entry
-LOW_LEGEND: Final = 0.9  # legend height that fits into a figure of the usual height [in]
-RESOLUTION: Final = 150  # of a PNG, dots per inch
-INK: Final = "#1a1a1a"
-FAINT: Final = "#767676"
-GRID: Final = "#dddddd"
-MEASURED: Final = "#0072b2"
-SIMULATED: Final = "#d55e00"
-GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000", "#e69f00")
-MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
-LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
-ORDERED: Final = "cividis"
-ONE: Final[Mapping[str, Any]] = {}  # axes of a chart; one above the other; in space
-TWO: Final = {"nrows": 2, "sharex": True}
-SPACE: Final = {"subplot_kw": {"projection": "3d"}}
-SETTINGS: Final[Any] = {
+WIDE = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
+LONGEST_NAME = 48  # characters per line of a legend entry
+LOW_LEGEND = 0.9  # legend height that fits into a figure of the usual height [in]
+RESOLUTION = 150  # of a PNG, dots per inch
+INK = "#1a1a1a"
+FAINT = "#767676"
+GRID = "#dddddd"
+MEASURED = "#0072b2"
+SIMULATED = "#d55e00"
+GROUPS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000", "#e69f00")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+ORDERED = "cividis"
+ONE: Mapping[str, Any] = {}  # axes of a chart; one above the other; in space
+TWO = {"nrows": 2, "sharex": True}
+SPACE = {"subplot_kw": {"projection": "3d"}}
+SETTINGS: Any = {
     "font.family": ["DejaVu Sans"],
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
@@ -140,7 +138,7 @@ class Chart(NamedTuple):
         return self.title.format(of=LABELS.get(name, name))
 
 
-CHARTS: Final[dict[str, Chart]] = {}
+CHARTS: dict[str, Chart] = {}
 
 
 def chart(

@@ -4,13 +4,11 @@ Also measured against simulated (Fig. 17), the speed-loss bench (Fig. 9), a pred
 belts, and budgets of uncertainties. Importing this module registers them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import cycle
 from textwrap import fill
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle
@@ -35,36 +33,36 @@ from beltid.report.results import (
 )
 from beltid.report.summary import axis, cell, quantity, sentence
 
-MILLI: Final = 1e3
+MILLI = 1e3
 FORCE, SPEED = "normal_force_N_m", "slip_speed_m_s"
-BRANCHES: Final = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
-POINTS: Final = 101
-PHASES: Final = (
+BRANCHES = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
+POINTS = 101
+PHASES = (
     ("rest", "#e8e8e8", ""),
     ("build-up", "#f6d9b8", "///"),
     ("peak to sliding", "#efe6f5", "\\\\"),
     ("sliding plateau", "#cfe6f5", ""),
 )
-MOST_SPEEDS: Final = 8  # drawn separately; more are grouped into so many classes
-LEVELS: Final = 12
-MOST_SOURCES: Final = 8
-BASES: Final = {
+MOST_SPEEDS = 8  # drawn separately; more are grouped into so many classes
+LEVELS = 12
+MOST_SOURCES = 8
+BASES = {
     "fitted": ("from the data", charts.GROUPS[0], ""),
     "stated": ("stated in the config", charts.GROUPS[2], "..."),
     "assumed": ("assumed (default)", charts.GROUPS[6], "///"),
     "": ("combined", charts.INK, ""),
 }
 # artifact with a budget -> what its uncertainties are of
-OF: Final = {
+OF = {
     "surface_refined": "of µ on the refined surface",
     "surface": "of µ on the published surface",
     "friction": "of µ of a run",
     "stiffness": "of the normal law, k₁",
 }
-NOT_READ: Final = (
+NOT_READ = (
     "the recording was not read when the report was written; beltid report --config CONFIG reads it"
 )
-NO_RUN: Final = "no run could be used"
+NO_RUN = "no run could be used"
 draw_press = partial(draw, x="penetration_m", y="line_force_N_m")
 
 

@@ -3,12 +3,10 @@
 The template is the page, from top to bottom; this module gives it its tables, notes and tiles.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +18,9 @@ from beltid.report.results import LABELS, BeltResults, Sheet, conditions, main_r
 from beltid.report.summary import MISSING, Table, between, cell, fact, sentence, table
 from beltid.report.view import TITLES, chosen, grid, summary_of
 
-TEMPLATES: Final = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent / "templates"
 # words of a heading -> what the page calls them
-SYMBOLS: Final = {
+SYMBOLS = {
     "mu": "µ",
     "k linear": "k₁",
     "k quadratic": "k₂",
@@ -31,17 +29,17 @@ SYMBOLS: Final = {
     "u": "uncertainty",
 }
 # main results at the head of a report, and in the table of belts
-HEAD: Final = (
+HEAD = (
     "k_linear_N_m2 k_linear_u_N_m2 k_quadratic_N_m3 k_quadratic_u_N_m3 mu_range runs_used "
     "runs_set_aside predicted_speed_loss"
 )
-BELTS: Final = (
+BELTS = (
     "belt data k_linear_N_m2 k_quadratic_N_m3 runs_used mu_range measured_force_N_m "
     "valid_force_N_m mu_u_percent published_rms_percent refined_rms_percent predicted_rms_percent"
 )
-SHORT_HASH: Final = 12
+SHORT_HASH = 12
 WIDTH, HEIGHT = 200.0, 80.0  # of a tile
-MOST_SHOWN: Final = 99.5  # percentile of mu at the upper edge of every tile, for spikes
+MOST_SHOWN = 99.5  # percentile of mu at the upper edge of every tile, for spikes
 
 
 def belt_page(results: BeltResults, made_from: str) -> str:

@@ -1,35 +1,32 @@
 """Results of one belt as the report reads them: artifacts, settings of their runs, the verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from beltid.identify.estimators import settings_of as numbered_settings
-from beltid.identify.estimators import snap_to_settings
+from beltid.identify.estimators import settings_of as numbered_settings, snap_to_settings
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import cell, sentence
 from beltid.store.artifact import Artifact, combined_origin
 
-HELD_OUT: Final = "crossvalidation"  # comparison with runs that were left out and predicted
-SURFACES: Final = ("surface_refined", "surface")
-SIMULATED: Final = ("simulated_refined", "simulated")
-COMPARED: Final = ("compare_refined", "compare")
+HELD_OUT = "crossvalidation"  # comparison with runs that were left out and predicted
+SURFACES = ("surface_refined", "surface")
+SIMULATED = ("simulated_refined", "simulated")
+COMPARED = ("compare_refined", "compare")
 # artifact -> the surface that it is, or was simulated with; the refined one first
-LABELS: Final = {
+LABELS = {
     name: "refined" if name.endswith("refined") else "published"
     for name in (*SURFACES, *SIMULATED, *COMPARED)
 }
-LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
-SAME: Final = 0.03  # relative distance within which two values count as one setting
-DISTINCT: Final = 0.05  # relative distance beyond which two values count as evidence of their own
-UNKNOWN: Final = -1.0  # placeholder for an unknown setting
-MOST_UNCERTAINTIES: Final = 2.0  # largest RMS error, over u, at which predictions confirm a surface
-WORDS: Final = ("no", "one", "two", "three")
-MOST_LISTED: Final = 12  # largest number of settings that are listed; for more, the range is given
+LEFT_OUT = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
+SAME = 0.03  # relative distance within which two values count as one setting
+DISTINCT = 0.05  # relative distance beyond which two values count as evidence of their own
+UNKNOWN = -1.0  # placeholder for an unknown setting
+MOST_UNCERTAINTIES = 2.0  # largest RMS error, over u, at which predictions confirm a surface
+WORDS = ("no", "one", "two", "three")
+MOST_LISTED = 12  # largest number of settings that are listed; for more, the range is given
 
 
 class Sheet(Artifact):
@@ -38,7 +35,7 @@ class Sheet(Artifact):
     __slots__ = ()
 
     @classmethod
-    def of(cls, artifact: Artifact) -> Sheet:
+    def of(cls, artifact: Artifact) -> Self:
         """Read an artifact as a sheet."""
         return cls(artifact.columns, artifact.record, artifact.path, artifact.sha256)
 

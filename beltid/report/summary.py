@@ -10,15 +10,15 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from beltid.errors import printable
 
-GAP: Final = 3  # between two columns
-LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
+GAP = 3  # between two columns
+LAST_COLUMN = 24  # width of words in the last column, which may wrap
 Rows = list[dict[str, Any]]
 # parts of the units at the end of public names, as printed
-UNITS: Final = dict(
+UNITS = dict(
     zip(
         ("N", "W", "Hz", "kg", "m", "mm", "s", "rad", "m2", "m3", "deg", "degC", "percent"),
         ("N", "W", "Hz", "kg", "m", "mm", "s", "rad", "m²", "m³", "°", "°C", "%"),
@@ -26,7 +26,7 @@ UNITS: Final = dict(
     )
 )
 # what a column in a chart is, by a word of its name: words with symbol, unit, scale
-QUANTITIES: Final = {
+QUANTITIES = {
     "mu": ("friction coefficient µ", "-", 1.0),
     "force": ("normal force per length", "N/m", 1.0),
     "slip_speed": ("sliding speed v", "mm/s", 1e3),
@@ -37,8 +37,8 @@ QUANTITIES: Final = {
     "arc_position": ("position along the arc from the tight side", "mm", 1e3),
     "time": ("time", "s", 1.0),
 }
-RANGES: Final = ("range", "valid", "measured")
-MISSING: Final = "-"
+RANGES = ("range", "valid", "measured")
+MISSING = "-"
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
@@ -211,8 +211,7 @@ def show(summary: Summary, console: Any, *, complete: bool = False) -> None:
 
 def _renderables(summary: Summary, width: int, complete: bool) -> Iterator[Any]:
     """Yield the parts of a summary in order: heading, facts, tables, verdict."""
-    from rich.table import Column
-    from rich.table import Table as Grid
+    from rich.table import Column, Table as Grid
     from rich.text import Text
 
     suffix = " (synthetic data)" if summary.origin == "synthetic" else ""

@@ -3,12 +3,10 @@
 One view serves the command that made it, `show`, ``--json`` and the repr of a result in Python.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +15,9 @@ from beltid.report.results import UNKNOWN, Sheet, series_of
 from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
 from beltid.store.artifact import Artifact
 
-FEW: Final = 16  # number of rows up to which a table is shown as it is
-MOST_LINES: Final = 40
-MOST_RANGES: Final = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
+FEW = 16  # number of rows up to which a table is shown as it is
+MOST_LINES = 40
+MOST_RANGES = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
 
 
 class View(NamedTuple):
@@ -30,13 +28,11 @@ class View(NamedTuple):
     shown: str = ""
 
 
-RIG: Final = "arc_deg pulley_speed_rad_s"
-DRIVE: Final = "driver_speed_rad_s initial_tension_N"
-COMPARED: Final = (
-    "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
-)
+RIG = "arc_deg pulley_speed_rad_s"
+DRIVE = "driver_speed_rad_s initial_tension_N"
+COMPARED = "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
 # kind -> what is shown of it
-VIEWS: Final = {
+VIEWS = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
         shown="temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
@@ -84,7 +80,7 @@ VIEWS: Final = {
     ),
 }
 # further table that is always shown (the budget, of surfaces) -> its title
-TITLES: Final = {
+TITLES = {
     "budget": "standard uncertainties, in percent of the quantity",
     "misfit": "simulated less measured friction: published surface, then refined",
     "effects": "friction changes not in the surface, in percent of mu",
@@ -94,14 +90,14 @@ TITLES: Final = {
     "statements": "if it were known twice as well",
 }
 # columns of further tables that have more
-COLUMNS: Final = {
+COLUMNS = {
     "budget": "quantity source basis standard_uncertainty unit contribution_percent "
     "largest_percent",
     "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
     "force_high_N_m",
 }
-RUNS: Final = "simulated_runs"  # further table that stands for the columns
-FOR_REPORT: Final = ("uncertainty", "laid", "averaged")  # what only stages and the report read
+RUNS = "simulated_runs"  # further table that stands for the columns
+FOR_REPORT = ("uncertainty", "laid", "averaged")  # what only stages and the report read
 
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:

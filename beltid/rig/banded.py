@@ -5,15 +5,13 @@ the factorisation costs O(n) for n coordinates. Row i of the storage holds the c
 ``i - HALF ... i + 2 HALF``; the last ``HALF`` take the fill-in of row exchanges.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array
 
 HALF = 7  # two nodes of four coordinates: |i - j| <= 7
 WIDTH = 3 * HALF + 1

@@ -6,15 +6,13 @@ both spans, or one and the speed of the pulley. Steady flow has no history: ther
 but a sliding speed at which friction is nearly whole, which goes down to 1e-6 of v0.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import ConvergenceError
 from beltid.laws.bicubic import SurfaceTables
 from beltid.laws.friction_surface import FrictionSurface
@@ -25,8 +23,6 @@ from beltid.rig.mesh import graded_nodes
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.newton import Border, System, equilibrium
 from beltid.rig.runs import lay_on
-
-Array = NDArray[np.float64]
 
 FINER, POINTS = 3.0, 5  # elements of a flowing belt over those of the rig; contact points of each
 # sliding speed at which friction is nearly whole, over v0: from rest, from a similar state, at last

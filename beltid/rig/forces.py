@@ -16,21 +16,18 @@ length. Steady flow has no history: friction is ``mu f_N g / sqrt(g**2 + scale**
 goes to zero.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array, Mask
 from beltid.laws import bicubic, capstan, penalty
 from beltid.laws.bicubic import SurfaceTables
 from beltid.params import Belt
 from beltid.rig.banded import HALF, WIDTH, kernel
 from beltid.rig.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the limit [-]
 
@@ -62,7 +59,7 @@ class Pulley(NamedTuple):
     surface: SurfaceTables
 
 
-POINT: Final = np.dtype(
+POINT = np.dtype(
     [
         ("theta", float),  # angle from the top [rad]
         ("rho", float),  # distance from the pulley's centre [m]
@@ -116,7 +113,7 @@ class State(NamedTuple):
     kept: Array  # derivatives of the support forces in the unknowns (2, 4)
 
     @classmethod
-    def of(cls, mesh: Mesh) -> State:
+    def of(cls, mesh: Mesh) -> Self:
         """Allocate a state: without stretch, all points slide towards B."""
         n, points = 4 * mesh.h.size + 4, np.zeros((2, *mesh.w_c.shape), dtype=POINT)
         points["sign"] = 1.0
@@ -138,7 +135,7 @@ class State(NamedTuple):
         return math.hypot(self.force[2], self.force[3])
 
     @property
-    def touching(self) -> NDArray[np.bool_]:
+    def touching(self) -> Mask:
         """Which points touch, shape (n_e, n_c)."""
         return np.asarray(self.now["F_N"] > 0.0)
 
@@ -240,7 +237,7 @@ def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float, float,
 
 
 @kernel
-def cell_of(nodes: NDArray[np.float64], x: float) -> int:
+def cell_of(nodes: Array, x: float) -> int:
     """Return the cell of a coordinate; the nodes are few."""
     cell = 0
     while cell < nodes.size - 2 and x >= nodes[cell + 1]:

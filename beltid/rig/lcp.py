@@ -8,17 +8,14 @@ Five points per element are more constraints than an element has freedoms: G is 
 semi-definite, the slips are unique, the split of the stick forces is not (trap (b) of the method).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import ConvergenceError
 from beltid.rig.banded import factorize, solve
 from beltid.rig.forces import CONE_TOLERANCE, Motion, State
 from beltid.rig.newton import TOLERANCE, Border, System, accept, assemble, held_forces, hold
-
-Array = NDArray[np.float64]
 
 STILL = 1.0e-12  # of a sticking point in a step, or backward of a sliding one [m]
 PIVOT_TOLERANCE = 1.0e-11

@@ -5,20 +5,16 @@ The pulley's centre is the origin. The belt runs over the top from support A (le
 at A is the tight one (trap (d) of the method).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Rig
-
-Array = NDArray[np.float64]
 
 HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
 DERIVATIVES = [polynomial.polyder(HERMITE, order, axis=1).T for order in range(3)]
@@ -57,7 +53,7 @@ class Path:
         n = np.stack([np.sin(theta), np.cos(theta)], axis=-1)
         return np.hstack([self.R * n + (from_top - self.R * theta)[:, None] * t, t])
 
-    def stretched(self, other: Path, s: Array) -> Array:
+    def stretched(self, other: "Path", s: Array) -> Array:
         """Map path coordinates ``s`` of this path to another one, part by part in proportion."""
         corners = [[0.0, p.span, p.length - p.span, p.length] for p in (self, other)]
         return np.asarray(np.interp(s, corners[0], corners[1]))

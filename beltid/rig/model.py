@@ -1,13 +1,12 @@
 """Build the model of one run: path, mesh, belt, pulley and supports."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -15,8 +14,6 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.forces import Pulley
 from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
 from beltid.rig.newton import Border, System
-
-Array = NDArray[np.float64]
 
 LARGEST_STRAIN = 0.2
 POINTS_OF_THE_PAPER = 50  # ten elements of five contact points, each with its damping C_P
@@ -35,7 +32,7 @@ class RigModel:
     system: System  # arrays for compiled code
     border: Border  # what is given while the pulley turns
 
-    def with_surface(self, surface: FrictionSurface) -> RigModel:
+    def with_surface(self, surface: FrictionSurface) -> Self:
         """Return the rig with another friction surface."""
         pulley = self.system.pulley._replace(surface=surface.tables())
         return replace(self, system=self.system._replace(pulley=pulley))

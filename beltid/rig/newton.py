@@ -14,21 +14,18 @@ belt flowing (a drive)  stretch, speed of pulley   T_A = P_in, T_B = P_out
 ======================  =========================  ============================
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.params import Belt
 from beltid.rig.banded import HALF, factorize, kernel, solve
 from beltid.rig.forces import Motion, Pulley, State, add_belt, add_contact, add_inertia
 from beltid.rig.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_A [-]
 ROUNDING = 1.0e-13  # of positions over R [-]
@@ -66,7 +63,7 @@ class Border(NamedTuple):
     moves: Array
 
 
-STEP: Final = np.dtype(
+STEP = np.dtype(
     [  # of a march
         ("dt", float),  # duration [s], given
         ("omega", float),  # speed of the pulley [rad/s], given

@@ -11,8 +11,6 @@ averaged over a memory of half of this travel, or the smallest disturbance would
 stays. Real friction has a memory length, too: J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve_banded
 
+from beltid.arrays import Array
 from beltid.errors import BeltidError, ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force, normal_force
 from beltid.params import OperatingPoint
@@ -30,7 +29,6 @@ from beltid.rig.forces import Motion, State
 from beltid.rig.model import LARGEST_STRAIN, Bench, RigModel
 from beltid.rig.newton import MOST_ITERATIONS, STEP, Border, assemble, equilibrium, hold, march
 
-Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
 
 # sequences of tensions over T_0, and of shares of the friction; if one fails, the next is tried

@@ -1,14 +1,11 @@
 """What is there: versions, the settings of a config and its recordings, any artifact."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Final
 
 from beltid.bench.files import sources_of
 from beltid.config import Config, ConfigSource, load_config
@@ -18,18 +15,18 @@ from beltid.report.summary import Summary
 from beltid.store.artifact import plain, read_artifact
 from beltid.store.disk import check_place, source_sha256, write_bytes
 
-LIBRARIES: Final = (
+LIBRARIES = (
     *("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "rich", "ruamel.yaml", "typer"),
     *("matplotlib", "jinja2", "nptdms", "asammdf", "h5py", "openpyxl", "distributed"),
 )
 
-WITHOUT: Final = {
+WITHOUT = {
     "press": "no recording of the press (data.press): no contact law; the surface is not refined, "
     "nothing is simulated, compared or predicted",
     "rig": "no recording of the friction rig (data.rig): only contact law and sliding speeds",
 }
 """Kind of recording needed by the full chain -> warning if it is missing."""
-TABLE: Final = ".csv"
+TABLE = ".csv"
 
 
 def program() -> Summary:

@@ -8,11 +8,9 @@ Runs left out are simulated at their measured tension and speed, in the sliding 
 surface of the others, whose uncertainty becomes that of the prediction, as in `simulate-rig`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -58,11 +56,11 @@ from beltid.uncertainty.simulated import (
 )
 from beltid.uncertainty.sources import ARC, BETWEEN_SPEEDS, reduction_sources, with_sources
 
-SETTINGS: Final = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
-COMPARED: Final = (*SETTINGS, "mu_sliding")
-HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
-ENOUGH: Final = 0.8  # share of the usable measured runs below which a comparison is one of few runs
-MIN_SHARE_COMPARED: Final = 0.5  # share of compared runs below which the campaign fails
+SETTINGS = ("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m")
+COMPARED = (*SETTINGS, "mu_sliding")
+HELD_OUT = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
+ENOUGH = 0.8  # share of the usable measured runs below which a comparison is one of few runs
+MIN_SHARE_COMPARED = 0.5  # share of compared runs below which the campaign fails
 
 
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:

@@ -3,12 +3,10 @@
 Its operating points come from the config or from a speed-loss recording.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import compress
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -35,10 +33,10 @@ from beltid.stages.inputs import (
 from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.sources import DRIVE, PRESS, budget, stated_sources
 
-SIGNIFICANT_LOSS: Final = 0.1  # share of the largest loss above which a loss counts in the budget
-ALIKE_RATIOS: Final = 0.03  # relative difference between a ratio of speeds and that of radii
-ALIKE_RADII: Final = (0.7, 1.5)  # pulley over rig radius for which the laws hold: wedging changes
-MOST_OUTSIDE: Final = 0.3  # share of the friction outside the measured range that is warned of
+SIGNIFICANT_LOSS = 0.1  # share of the largest loss above which a loss counts in the budget
+ALIKE_RATIOS = 0.03  # relative difference between a ratio of speeds and that of radii
+ALIKE_RADII = (0.7, 1.5)  # pulley over rig radius for which the laws hold: wedging changes
+MOST_OUTSIDE = 0.3  # share of the friction outside the measured range that is warned of
 
 Points = Mapping[str, DrivePoint]  # operating points by their labels in tables
 Results = Mapping[str, DriveResult]
@@ -241,31 +239,21 @@ def load_pulley(section: DriveSection) -> str:
     return candidates[0]
 
 
-def _of_config(config: Config, drive: Drive, least_tension: float) -> list[str]:
-    """Return warnings about what the config states of a drive; refuse spans too short for rods."""
+def _of_config(config: Config, drive: Drive, least_tension: float) -> Iterator[str]:
+    """Yield warnings about what the config states of a drive; refuse spans too short for rods."""
+    if "drive" not in config.model_fields_set:
+        yield "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart"
+    if config.belt.shear_stiffness_N_m2 is not None:
+        yield "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small"
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, least_tension))
     if problems and config.drive.method == "rod":
         raise InputError(problems)
     low, high = (share * config.rig.pulley_radius_m for share in ALIKE_RADII)
-    return that_hold(
-        (
-            "drive" not in config.model_fields_set,
-            "the config states no drive: two pulleys with a radius of 0.05 m, 0.25 m apart",
-        ),
-        (
-            config.belt.shear_stiffness_N_m2 is not None,
-            "belt.shear_stiffness_N_m2: the ribs of a drive are rigid, so the loss is too small",
-        ),
-        *(
-            (
-                pulley.ribs and not low <= pulley.R <= high,
-                f"pulley {pulley.name}: radius {pulley.R:g} m is outside {low:g} to {high:g} m, "
-                "where the contact of the rig may hold",
-            )
-            for pulley in drive.pulleys
-        ),
-    )
+    for pulley in drive.pulleys:
+        if pulley.ribs and not low <= pulley.R <= high:
+            where = f"outside {low:g} to {high:g} m, where the contact of the rig may hold"
+            yield f"pulley {pulley.name}: radius {pulley.R:g} m is {where}"
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
@@ -395,65 +383,38 @@ def _budget(loss: np.ndarray, uncertainty: DriveUncertainty) -> Rows:
     )
 
 
-def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> list[str]:
-    slowest, how = drive.surface.validity["slip_speed_m_s"][0], "is taken at that speed"
-    if drive.friction is not drive.surface.tables():
-        how = "follows half of the trend there, ± that half"
-    gross, slack = (
-        dict.fromkeys(columns["run"][columns["status"] == status].tolist())
-        for status in ("gross slip", "slack")
-    )
-    return [
-        "friction power is that of the contact; bending and seating cost about as much again",
-        *that_hold(
-            (
-                np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0,
-                f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}",
-            ),
-            (
-                method == "rod",
-                "shares and, below full slip, uncertainties are those of a string; slip limits to "
-                "1 %",
-            ),
-            (
-                of_string,
-                "no steady state of the rod for some inputs, so by a string: "
-                f"{', '.join(of_string)}",
-            ),
-            (
-                drive.surface.factor is None,
-                "the friction surface has no covariance: it is assumed to be exact",
-            ),
-            (
-                gross,
-                f"{len(gross)} points cannot be transmitted with the friction that is known: "
-                f"{', '.join(gross)}",
-            ),
-            (slack, f"{len(slack)} points leave a span without tension: {', '.join(slack)}"),
-        ),
-    ]
+def _notes(columns: Columns, drive: Drive, method: str, of_string: Sequence[str]) -> Iterator[str]:
+    yield "friction power is that of the contact; bending and seating cost about as much again"
+    if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
+        slowest, _ = drive.surface.validity["slip_speed_m_s"]
+        flat = drive.friction is drive.surface.tables()
+        how = "is taken at that speed" if flat else "follows half of the trend there, ± that half"
+        yield f"friction below {slowest:.3g} m/s, the slowest measured sliding speed, {how}"
+    if method == "rod":
+        yield "shares and, below full slip, uncertainties are those of a string; slip limits to 1 %"
+    if of_string:
+        yield f"no steady state of the rod for some inputs, so by a string: {', '.join(of_string)}"
+    if drive.surface.factor is None:
+        yield "the friction surface has no covariance: it is assumed to be exact"
+    for status, words in (
+        ("gross slip", "cannot be transmitted with the friction that is known"),
+        ("slack", "leave a span without tension"),
+    ):
+        if runs := dict.fromkeys(columns["run"][columns["status"] == status].tolist()):
+            yield f"{len(runs)} points {words}: {', '.join(runs)}"
 
 
-def _outside(columns: Columns, surface: FrictionSurface) -> list[str]:
-    """Return warnings about friction outside the measured range of the laws."""
+def _outside(columns: Columns, surface: FrictionSurface) -> Iterator[str]:
+    """Yield warnings about friction outside the measured range of the laws."""
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
-    shares = {
-        f"slower than measured ({slowest:.3g} m/s)": columns["share_below_speed_range"],
-        f"outside the measured {low:.4g} to {high:.4g} N/m": columns["share_outside_force_range"],
-    }
-    falls = dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist())
-    return [
-        *(
-            f"in {len({*columns['run'][of > MOST_OUTSIDE]})} points, up to "
-            f"{100.0 * np.nanmax(of):.0f} % of the friction comes from sliding {words}"
-            for words, of in shares.items()
-            if (of > MOST_OUTSIDE).any()
-        ),
-        *that_hold(
-            (
-                falls,
-                f"friction falls with the speed: {', '.join(falls)} could also run with more slip",
-            )
-        ),
-    ]
+    for name, words in (
+        ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
+        ("share_outside_force_range", f"outside the measured {low:.4g} to {high:.4g} N/m"),
+    ):
+        shares = columns[name]
+        if (beyond := shares > MOST_OUTSIDE).any():
+            n, most = len(set(columns["run"][beyond].tolist())), 100.0 * np.nanmax(shares)
+            yield f"in {n} points, up to {most:.0f} % of the friction comes from sliding {words}"
+    if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
+        yield f"friction falls with the speed: {', '.join(runs)} could also run with more slip"

@@ -1,11 +1,9 @@
 """beltid export: write the contact law of a belt as a law file and for multibody codes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -32,9 +30,9 @@ from beltid.stages.inputs import Columns, friction_in, law_row, load_law, surfac
 from beltid.store.artifact import Artifact, combined_origin, plain, read_artifact, refuse_misfits
 from beltid.store.disk import check_place, write_bytes
 
-ALL: Final = "all"
-SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
-ABOUT: Final = (
+ALL = "all"
+SURFACES = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
+ABOUT = (
     "Contact law between a V-ribbed belt and a pulley, per metre of belt, in SI units. Normal line "
     "force: f_N = k_linear delta + k_quadratic delta^2 for a penetration delta > 0, else 0. "
     "Friction: mu(f_N, |v|) f_N against the sliding; bicubic between the nodes, given cell by cell "

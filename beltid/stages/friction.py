@@ -6,12 +6,9 @@ any other sign: each is held against what the cells show of the same run; the me
 decides. A unit alone is not believed, a calibration in the config is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -42,26 +39,26 @@ from beltid.tables.units import CONVERSIONS, canonical_unit
 from beltid.uncertainty.measured import friction_uncertainty, stiffness_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
-COEFFICIENTS: Final = (
+COEFFICIENTS = (
     *("k_linear_N_m2", "k_linear_se_N_m2", "k_linear_u_N_m2"),
     *("k_quadratic_N_m3", "k_quadratic_se_N_m3", "k_quadratic_u_N_m3"),
 )
-MOST_BRANCH_POINTS: Final = 120
-HELD: Final = 0.005  # difference of the spans at rest over the initial tension, warned of [-]
-FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
-CONSTANT: Final = 0.03  # change of the sum of tensions with which a hub force is constant [-]
-TOUCH_DEG: Final = 360.0  # arc beyond which the turns of the belt may touch each other
-TOUCHING: Final = "wrapped by a whole turn or more: where turns touch, they rub on each other"
-TRAVEL_M: Final = (1e-4, 1e-3)  # travel of the pulley's surface until the belt slides, usually [m]
-WITHIN: Final = 3.0  # factor by which it may leave this range, and that of the stated belt and span
-RADIUS: Final = 0.2  # deviation between the stated radius and torque over force difference [-]
-REST: Final = 0.05  # deviation of the tension at rest: friction that the belt holds [-]
-MASS: Final = 0.2  # deviation of the ratio of cell and weight from that of a mass to its weight [-]
-MOST_ARCS: Final = 4
-MOST_SET_ASIDE: Final = 12  # number of runs set aside that are kept for inspection
-MOST_RUNS: Final = 480  # number of runs of a campaign that are kept as small pictures: the first
-SMALL_SAMPLES: Final = 80
-MOST_SAMPLES: Final = 1200  # number of samples kept of a run: of a longer one, the extremes
+MOST_BRANCH_POINTS = 120
+HELD = 0.005  # difference of the spans at rest over the initial tension, warned of [-]
+FAINT = 0.1  # standard error over mu above which a run carries little weight
+CONSTANT = 0.03  # change of the sum of tensions with which a hub force is constant [-]
+TOUCH_DEG = 360.0  # arc beyond which the turns of the belt may touch each other
+TOUCHING = "wrapped by a whole turn or more: where turns touch, they rub on each other"
+TRAVEL_M = (1e-4, 1e-3)  # travel of the pulley's surface until the belt slides, usually [m]
+WITHIN = 3.0  # factor by which it may leave this range, and that of the stated belt and span
+RADIUS = 0.2  # deviation between the stated radius and torque over force difference [-]
+REST = 0.05  # deviation of the tension at rest: friction that the belt holds [-]
+MASS = 0.2  # deviation of the ratio of cell and weight from that of a mass to its weight [-]
+MOST_ARCS = 4
+MOST_SET_ASIDE = 12  # number of runs set aside that are kept for inspection
+MOST_RUNS = 480  # number of runs of a campaign that are kept as small pictures: the first
+SMALL_SAMPLES = 80
+MOST_SAMPLES = 1200  # number of samples kept of a run: of a longer one, the extremes
 
 
 def contact_law(press: Recording, config: Config) -> Outcome[StiffnessResult]:

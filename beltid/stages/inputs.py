@@ -1,13 +1,11 @@
 """What the stages take and give: laws, surfaces and runs from files or results; their columns."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +26,11 @@ from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
 Columns = Mapping[str, np.ndarray]
-UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
+UNIT = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
-NEAR_DEGC: Final = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
-ROUNDING: Final = 1e-9  # relative
-NEGLIGIBLE: Final = 1e-3  # relative error of a speed that changes mu by a few parts in ten thousand
+NEAR_DEGC = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
+ROUNDING = 1e-9  # relative
+NEGLIGIBLE = 1e-3  # relative error of a speed that changes mu by a few parts in ten thousand
 
 
 def load_law(path: str | Path) -> ContactLaw:

@@ -1,13 +1,11 @@
 """beltid inspect and init: how the files of a bench are read, and the config that says so."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -25,15 +23,15 @@ from beltid.store.disk import check_place, write_bytes
 from beltid.tables import schemas
 from beltid.tables.units import canonical_unit
 
-COMMANDS: Final = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
-SHOWN_RUNS: Final = 8
-SETTINGS: Final = {
+COMMANDS = {"press": "fit-stiffness", "rig": "fit-friction", "speedloss": "fit-slip"}
+SHOWN_RUNS = 8
+SETTINGS = {
     "rig.arcs_deg": ("arc_deg",),
     "rig.initial_tensions_N": ("initial_tension_N", "weight_N"),
     "rig.pulley_speeds_rad_s": ("pulley_speed_rad_s",),
 }
 """List of the config -> columns of a recording that contain it, in the order of `SAME_SETTING`."""
-MOST_SETTINGS: Final = 30  # number of values above which every run has its own setting
+MOST_SETTINGS = 30  # number of values above which every run has its own setting
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:

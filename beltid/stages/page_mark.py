@@ -1,7 +1,5 @@
 """The mark of a report page: what it was made from. Light, so that a page in date costs nothing."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -9,7 +7,7 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 from urllib.parse import quote
 
 from beltid._version import __version__
@@ -20,14 +18,14 @@ from beltid.stages.steps import STAGES
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import FOREIGN, OURS, check_place, opened, read_bytes, sha256, source_sha256
 
-NAME: Final = "report.html"
-HEAD: Final = 4096  # bytes at the beginning of a page that hold its generator and its mark
-MARK: Final = re.compile(
+NAME = "report.html"
+HEAD = 4096  # bytes at the beginning of a page that hold its generator and its mark
+MARK = re.compile(
     r'<meta name="generator" content="beltid">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
 )
-SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"  # last line of a page
-ARTIFACTS: Final = {
+SEAL = "<!-- SHA-256 of all above: {} -->\n"  # last line of a page
+ARTIFACTS = {
     **{kind: kind for kind in ("stiffness", "slip", "friction", "surface")},
     "surface_refined": "surface",
     "simulated": "simulated",
@@ -38,7 +36,7 @@ ARTIFACTS: Final = {
     **{kind: kind for kind in ("press_curves", "rig_curves")},
 }
 """Artifacts that a report shows: file name -> kind."""
-CURVES: Final = ("press_curves", "rig_curves")  # artifacts that are not part of the chain
+CURVES = ("press_curves", "rig_curves")  # artifacts that are not part of the chain
 
 
 @dataclass(frozen=True, slots=True)

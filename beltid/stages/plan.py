@@ -1,10 +1,8 @@
 """The next runs of the friction rig, or the advice to stop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -41,9 +39,9 @@ from beltid.store.artifact import Artifact, combined_origin
 from beltid.uncertainty.measured import Measured, measured_runs, valid_rows
 from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source, SurfaceUncertainty
 
-USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)  # of the paper's 5PK belt, before any measurement
-MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
-MOST_STATEMENTS: Final = 6
+USUAL_LAW = NormalLaw(6.5e7, 3.0256e11)  # of the paper's 5PK belt, before any measurement
+MOST_SETTINGS = 12  # arcs, tensions or speeds of the candidates of a plan
+MOST_STATEMENTS = 6
 
 
 @dataclass(frozen=True, slots=True)

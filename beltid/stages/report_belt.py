@@ -1,7 +1,5 @@
 """beltid report: write the results of a belt as one page, and compare several belts."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Mapping, Sequence

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -58,21 +58,19 @@ from beltid.uncertainty.sources import SURFACE, Source, stated_sources, with_sou
 if TYPE_CHECKING:
     import pandas as pd
 
-KEYS: Final = {
+KEYS = {
     "arc_deg": "arcs_deg",
     "nominal_tension_N": "initial_tensions_N",
     "pulley_speed_rad_s": "pulley_speeds_rad_s",
 }
 """Column of a setting in the friction table -> its list in the section `rig`."""
-SETTINGS: Final = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
-STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")  # sliding
-PER_CALL: Final = 24  # number of runs whose uncertainty a worker computes in one call
-REST_SAMPLES: Final = 10
-SLIDING_SAMPLES: Final = 60
-TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
-NOT_SIMULATED: Final = (
-    "a running belt has no simulated rig: only fit-friction and build-surface take it"
-)
+SETTINGS = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
+STATE = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")  # sliding
+PER_CALL = 24  # number of runs whose uncertainty a worker computes in one call
+REST_SAMPLES = 10
+SLIDING_SAMPLES = 60
+TRAVEL_PER_SAMPLE_M = 5.0e-5
+NOT_SIMULATED = "a running belt has no simulated rig: only fit-friction and build-surface take it"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,18 +10,15 @@ a law a `NormalLaw` or the `Outcome` of `fit_stiffness`. A config is a Config, a
 YAML file, or None for the built-in 5PK rig. The heavy calls run on `workers`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from beltid import stages
-from beltid.stage import STAGES as STAGES
-from beltid.stage import Outcome, stage
+from beltid.stage import STAGES as STAGES, Outcome, stage
 from beltid.store.artifact import read_artifact
 
 ConfigLike = Any
-OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
+OF_RIG = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
 """Sections of the config that matter for every use of the simulated rig."""
 
 

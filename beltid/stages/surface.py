@@ -4,13 +4,11 @@ The refined surface is the one with which the simulated rig gives the measured t
 solution of the inverse problem.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -64,15 +62,15 @@ from beltid.uncertainty.sources import (
     stated_sources,
 )
 
-NO_ARC_DEG: Final = 90.0  # of coefficients that a table states without an arc: a single group
-MEASURED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-NEEDED: Final = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
-REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
-SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
-SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
-MOST_NOISE: Final = 3.0
-REMEDY: Final = "Measure in random order"
-EFFECTS: Final = {
+NO_ARC_DEG = 90.0  # of coefficients that a table states without an arc: a single group
+MEASURED = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+NEEDED = (*MEASURED, "run", "initial_tension_N", "pulley_speed_rad_s", "mu_sliding_se")
+REASONS = 3  # number of reasons for unusable runs that are reported, most frequent first
+SPEED_GAP = 0.1  # in ln v: a run further than this from every speed gets its own speed
+SETTING_GAP = 0.03  # relative gap between two settings of the speed
+MOST_NOISE = 3.0
+REMEDY = "Measure in random order"
+EFFECTS = {
     ARC: ("difference between arcs", "a wear track, or a wrong arc or load cell"),
     ORDER: ("steady change over the campaign", "run-in or wear; the surface holds for its middle"),
     COURSE: ("other change over the campaign, root mean square", "the surface holds for its mean"),

@@ -4,8 +4,6 @@ A call is a module-level function with plain data as arguments and result, so th
 anywhere. Only the caller writes files. The result of a call depends on its arguments only.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed

@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from beltid.errors import ArtifactError
 from beltid.store.disk import read_bytes, sha256, write_bytes
@@ -24,11 +24,11 @@ from beltid.store.disk import read_bytes, sha256, write_bytes
 if TYPE_CHECKING:
     import numpy as np
 
-RECORD_KEY: Final = b"beltid_record"
-SEAL_KEY: Final = b"beltid_seal"
-EARLIER_KEY: Final = b"beltid"  # of the metadata in files of earlier versions, which are not read
+RECORD_KEY = b"beltid_record"
+SEAL_KEY = b"beltid_seal"
+EARLIER_KEY = b"beltid"  # of the metadata in files of earlier versions, which are not read
 
-RECORDINGS: Final = ("press", "rig", "speedloss")
+RECORDINGS = ("press", "rig", "speedloss")
 Origin = Literal["measured", "synthetic"]  # of the data
 
 

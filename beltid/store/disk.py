@@ -4,8 +4,6 @@ A file is written under a temporary name, synced and renamed. The hash of our ow
 modified installation from the original of the same version.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os
@@ -14,16 +12,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedReader
 from pathlib import Path
-from typing import Final
 
 from beltid.errors import ArtifactError, InputError
 
-MAX_BYTES: Final = 1 << 30
-STALE_AFTER_S: Final = 3600.0
-FOREIGN: Final = "a file that beltid did not write"
-OURS: Final = ""
-ONLY_SHOW: Final = ("cli", "report", "__main__.py")  # parts that cannot change a result
-REASONS: Final[dict[type[BaseException], str]] = {
+MAX_BYTES = 1 << 30
+STALE_AFTER_S = 3600.0
+FOREIGN = "a file that beltid did not write"
+OURS = ""
+ONLY_SHOW = ("cli", "report", "__main__.py")  # parts that cannot change a result
+REASONS: dict[type[BaseException], str] = {
     FileNotFoundError: "there is no such file",
     IsADirectoryError: "is a folder, a file is needed",
     PermissionError: "no permission to read it",

@@ -3,12 +3,10 @@
 The sizes that a file claims are checked before anything is read.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,8 +17,8 @@ from beltid.store.disk import sha256
 from beltid.tables.schemas import Column, Table
 from beltid.tables.values import absent, floats, is_missing, outside
 
-MAX_CELLS: Final = 500_000_000
-MAX_EXPANSION: Final = 20_000  # cells per byte of file; constant columns compress well
+MAX_CELLS = 500_000_000
+MAX_EXPANSION = 20_000  # cells per byte of file; constant columns compress well
 
 
 def open_parquet(data: bytes, name: str, error_type: type[InputError]) -> Any:

@@ -6,15 +6,13 @@ words, or a list of numbers; with ``?``, a value may be missing. The head of a t
 what writes it, and the column with the label of a run.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Literal
 
-RANGE: Final = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
-LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
+RANGE = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
+LENGTH_OF_LIST = re.compile(r"list(?: of (\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +103,7 @@ def column_of(line: str) -> Column:
     return Column(name.removesuffix("?"), dtype, unit.removeprefix("-"), meaning, **more)  # type: ignore[arg-type]
 
 
-TABLES: Final[dict[str, Table]] = {
+TABLES: dict[str, Table] = {
     table.kind: table
     for table in map(
         table_of,
@@ -336,16 +334,16 @@ TABLES["simulated"] = replace(
     command="beltid simulate-rig",
     columns=TABLES["rig"].columns[:8],
 )
-RECORDINGS: Final = ("press", "rig", "speedloss", "points")
-ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
-CONDITIONS: Final = ("condition", "side")  # of a run
-WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")  # of some rigs
-RUN_TEXTS: Final = ("idle", *CONDITIONS)  # may be empty
-NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")  # constant within a run
-SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *RUN_TEXTS)
+RECORDINGS = ("press", "rig", "speedloss", "points")
+ARTIFACTS = tuple(kind for kind in TABLES if kind not in RECORDINGS)
+CONDITIONS = ("condition", "side")  # of a run
+WHERE_KNOWN = (*CONDITIONS, "momentum_N", "torque_with")  # of some rigs
+RUN_TEXTS = ("idle", *CONDITIONS)  # may be empty
+NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")  # constant within a run
+SETTINGS = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *RUN_TEXTS)
 """Columns with one value per run."""
-CELLS: Final = ("tension_tight_N", "tension_slack_N")
-CHANNELS: Final = (*CELLS, "weight_N", "torque_N_m", "hub_force_N", "belt_speed_m_s", "idle")
+CELLS = ("tension_tight_N", "tension_slack_N")
+CHANNELS = (*CELLS, "weight_N", "torque_N_m", "hub_force_N", "belt_speed_m_s", "idle")
 """Columns of a rig of which each bench has some."""
 
 

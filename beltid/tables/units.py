@@ -4,12 +4,10 @@ The unit of a column is part of its name (``tension_tight_N``). This module list
 that a bench may use and how to convert them: ``value_in_table_unit = (value + shift) * factor``.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,11 +27,11 @@ class Conversion:
         return (values + self.shift) * self.factor
 
 
-_GRAVITY: Final = 9.80665  # standard gravity [m/s²]: a mass stands for its weight
-_LBF: Final = 4.4482216152605  # exact by definition of the pound and standard gravity
-_TURN: Final = 2.0 * math.pi
+_GRAVITY = 9.80665  # standard gravity [m/s²]: a mass stands for its weight
+_LBF = 4.4482216152605  # exact by definition of the pound and standard gravity
+_TURN = 2.0 * math.pi
 
-CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
+CONVERSIONS: dict[str, dict[str, Conversion]] = {
     "degC": {
         "degC": Conversion(1.0),
         "K": Conversion(1.0, -273.15),
@@ -57,7 +55,7 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
 }
 
 # Other spellings in benches and spreadsheets, after blanks and brackets are removed.
-_SPELLINGS: Final[dict[str, str]] = {
+_SPELLINGS: dict[str, str] = {
     word: unit
     for unit, words in {
         "N": "Newton Newtons",
@@ -96,10 +94,10 @@ _SPELLINGS: Final[dict[str, str]] = {
     for word in words.split()
 }
 
-LONGEST: Final = 80  # text that is checked for a unit [characters]
+LONGEST = 80  # text that is checked for a unit [characters]
 
-_KNOWN: Final = {unit: unit for table in CONVERSIONS.values() for unit in table if unit != "1"}
-_BY_LOWER: Final[dict[str, str]] = {
+_KNOWN = {unit: unit for table in CONVERSIONS.values() for unit in table if unit != "1"}
+_BY_LOWER: dict[str, str] = {
     word.lower(): unit
     for word, unit in (_KNOWN | _SPELLINGS).items()
     if len(word) > 2 and not word.startswith("mN")  # MN m is not mN m
@@ -154,7 +152,7 @@ class Calibration:
         return Conversion(factor, self.offset / factor)
 
 
-_PER_VOLT: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*/\s*(m?V)")
+_PER_VOLT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*/\s*(m?V)")
 
 
 def calibration(text: str, target: str) -> Calibration | None:

@@ -1,7 +1,5 @@
 """Values of a column: conversion to numbers, missing values, range checks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

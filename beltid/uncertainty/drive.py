@@ -6,15 +6,13 @@ acts on all points together, with its sign. The string model gives these changes
 except at points where either slips fully.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array, Mask
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import ADHESION, DriveResult
 from beltid.drive.simulator import Method, Simulator
@@ -22,7 +20,7 @@ from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import BENDING, SLOWER, Array, Errors, Source, factor_of
+from beltid.uncertainty.sources import BENDING, SLOWER, Errors, Source, factor_of
 
 Results = Sequence[DriveResult | None]
 Input = tuple[Drive, Sequence[DrivePoint]]
@@ -38,7 +36,7 @@ class DriveUncertainty:
     sources: tuple[Source, ...]  # what is not known of the inputs, and of the model
     shared: Array  # change by each of them, with its sign, (n_points, n_pulleys, K)
     surface: Array  # by the friction surface; 0 if it has no covariance, (n_points, n_pulleys)
-    by_string: NDArray[np.bool_]
+    by_string: Mask
     """Points in full slip whose rods have no steady state with one of the errors; their changes
     come from the string model, (n_points,)."""
 
@@ -89,7 +87,7 @@ def _changes(
     results: Sequence[DriveResult],
     strings: Results,
     by_rod: Sequence[int],
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Compute changes (n_points, n_pulleys, K) by strings, or by rods where these can be solved.
 
     Rods are tried at the points `by_rod`; then, where one of them has no steady state (n_points,).

@@ -4,8 +4,6 @@ The procedure of the published surface is repeated with each error corrected; a 
 the moved node and shifted back along the slope of the surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -13,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array, Mask
 from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.identify.friction.run import SPANS, TWO_CELLS, RigKind
@@ -35,7 +34,6 @@ from beltid.uncertainty.sources import (
     PRESS,
     REDUCTION_SOURCES,
     RIG,
-    Array,
     Errors,
     Source,
     StandardUncertainties,
@@ -109,7 +107,7 @@ class Measured:
     kind: RigKind = TWO_CELLS  # what the rig measures: which errors the tensions can have
     given_force: GivenForce = "none"  # what stays constant, see :class:`beltid.params.Rig`
     momentum: Array | float = 0.0  # m v² of a running belt, subtracted from all tensions [N]
-    with_tight: NDArray[np.bool_] | None = None
+    with_tight: Mask | None = None
     """Whether the tension measured with a torque is the tight one; by default as `kind` states."""
 
     @property

@@ -16,8 +16,6 @@ that of the run, which is conservative by the few percent that one run weighs in
 the bench missed and the simulation did not is a known error without correction: it counts in full.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple, Self
@@ -25,6 +23,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.identify.agreement import AgreementResult
 from beltid.identify.friction.run import RigKind
 from beltid.laws.capstan import friction_coefficient
@@ -37,7 +36,6 @@ from beltid.rig.runs import lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
-    Array,
     Errors,
     Source,
     budget,

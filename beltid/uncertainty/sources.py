@@ -7,19 +7,15 @@ it is in the standard error of each run. Sign: an error is the true value minus 
 relative to it or in its unit. A budget adds all contributions in squares (JCGM 100).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.laws.friction_surface import FrictionSurface
-
-Array = NDArray[np.float64]
 
 STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
 PERCENT, DEGREE = ("%", 0.01), ("deg", math.pi / 180.0)
@@ -129,7 +125,7 @@ class Errors(dict[tuple[str, int], float]):
         return self.get((error, place), 0.0)
 
     @classmethod
-    def single(cls, source: Source) -> Errors:
+    def single(cls, source: Source) -> Self:
         """Return errors with one source wrong by its standard uncertainty and no others."""
         return cls({source.key: source.size})
 

@@ -1,7 +1,5 @@
 """Which channel is read as what, in which unit and sign; what they tell of the rig: or refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Layouts that one format can have: structs, segments, stamps, sheets; what is too large."""
 
-from __future__ import annotations
-
 import gzip
 import zipfile
 from pathlib import Path

@@ -4,18 +4,14 @@ The belt is that of the golden benches: a weight on the slack span, the torque a
 pulley over time. They are read without a line that has to be pasted.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from golden import benches
-from golden import files_written as w
-from golden.door import beltid as call
-from golden.door import done
+from golden import benches, files_written as w
+from golden.door import beltid as call, done
 
 from beltid.bench.recording import read_recording
 from beltid.config import load_config

@@ -1,7 +1,5 @@
 """beltid inspect: what is understood, and a section that says it and can be pasted."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One file per run, many runs in one file, and where label and settings of a run may stand."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

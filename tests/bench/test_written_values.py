@@ -1,7 +1,5 @@
 """Clock times and numbers as they are written: read if no other reading is left, else refused."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Sequence
 from itertools import product

@@ -1,7 +1,5 @@
 """What the tests of batches share: recordings, and the results of one process to compare with."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A folder with a few runs of the 5PK recordings and configs of belts, and the program on it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

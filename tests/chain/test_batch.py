@@ -1,7 +1,5 @@
 """Several belts at once: the same bytes however the work is divided, and what goes wrong."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

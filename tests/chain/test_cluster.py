@@ -1,7 +1,5 @@
 """A batch on a real Dask cluster on this machine, of which a worker is killed in the middle."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Iterator

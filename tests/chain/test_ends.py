@@ -1,7 +1,5 @@
 """What is left when a batch, or a process of it, ends before its time."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

@@ -1,7 +1,5 @@
 """A bench folder with recordings and results, and the command line on top of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

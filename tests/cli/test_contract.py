@@ -3,8 +3,6 @@
 A result depends on the sections of the config that its stage names: no other can be read here.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import shutil

@@ -1,7 +1,5 @@
 """A config for a new belt; the values that hold and where they come from; what a file is."""
 
-from __future__ import annotations
-
 import zipfile
 from itertools import product
 from pathlib import Path

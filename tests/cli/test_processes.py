@@ -1,7 +1,5 @@
 """The command as the shell sees it: streams, signals, exit statuses."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

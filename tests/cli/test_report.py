@@ -1,7 +1,5 @@
 """Words, units and digits of results; tables that fit."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """The chain over one belt: what is done, what its report shows, results that fit no others."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

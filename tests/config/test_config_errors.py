@@ -1,7 +1,5 @@
 """Everything wrong with a config is told with its place, what was found and what is allowed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

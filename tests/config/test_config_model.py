@@ -1,7 +1,5 @@
 """What a config means: numbers of YAML 1.2, defaults, SI values, hash, text; whose it is."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

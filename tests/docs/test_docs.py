@@ -1,7 +1,5 @@
 """The documentation: its pages build without a warning, README and tutorial do what they say."""
 
-from __future__ import annotations
-
 import doctest
 import json
 import os

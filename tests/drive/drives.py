@@ -1,7 +1,5 @@
 """Drives that several tests share, and the known law of the synthetic 5PK belt."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

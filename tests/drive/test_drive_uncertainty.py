@@ -1,7 +1,5 @@
 """What the inputs leave open of a predicted loss, where the string and where rods say it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The verdict on predicted speed losses, and what a recording resolves."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rods: one pulley and whole drives against independent programs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Strings: closed forms, a finite-element drive, a table, and what holds of any drive."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

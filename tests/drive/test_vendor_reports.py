@@ -4,8 +4,6 @@ Reports of Gates as cited in kaydgn/MFSim (tests/fixtures/fead-validation.js): b
 stretch nor seat. Lengths in mm, angles in degrees, moments in N m.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

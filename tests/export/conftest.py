@@ -1,7 +1,5 @@
 """A known contact law, as a value and as the results of a belt."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """beltid export: from the results of a belt, or a law file, to the files of a target."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

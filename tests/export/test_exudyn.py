@@ -1,7 +1,5 @@
 """The Exudyn module, run: the rig built with it against our own simulated rig."""
 
-from __future__ import annotations
-
 import math
 from types import ModuleType
 from typing import Any

@@ -1,7 +1,5 @@
 """Every target, compiled, run or read back by its format, is the law at 200 points and outside."""
 
-from __future__ import annotations
-
 import csv
 import ctypes
 import io

@@ -4,8 +4,6 @@ The rig: a belt without bending stiffness, Eqs. (5) and (8) of the paper. The pr
 drive: a small loss in proportion to the torque.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Results that many goldens look at, made once."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

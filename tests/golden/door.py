@@ -1,7 +1,5 @@
 """The program as its users reach it: the command `beltid`, in this process, and its files."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -3,8 +3,6 @@
 A writer takes a folder and returns the name of what it wrote there.
 """
 
-from __future__ import annotations
-
 import datetime
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -7,8 +7,6 @@ error against a known truth, or that error over the stated uncertainty: it may s
 `BELTID_GOLDEN=record` writes what is found in place of what was kept and prints both.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -3,8 +3,6 @@
 The truth of the made-up benches is `benches.law`; that of rigdata lies in `tests/truth`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """From reduced runs to surfaces, simulated runs, verdicts and plans (synthetic data)."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

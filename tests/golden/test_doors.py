@@ -1,7 +1,5 @@
 """The goldens come in through the doors only: no inner name of the program is used in them."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

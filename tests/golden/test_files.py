@@ -1,7 +1,5 @@
 """One recording in every format, dialect, unit and clock: the same columns, the same results."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -18,8 +16,7 @@ from scipy.io import savemat
 
 import beltid
 from golden import files_written as w
-from golden.door import beltid as call
-from golden.door import configured, done, refused
+from golden.door import beltid as call, configured, done, refused
 
 COMMAND = {"rig": "fit-friction", "press": "fit-stiffness", "speedloss": "fit-slip"}
 READ = {"rig": beltid.read_rig, "press": beltid.read_press, "speedloss": beltid.read_speedloss}

@@ -1,7 +1,5 @@
 """The simulated rig and the drives, against independent solutions and closed forms."""
 
-from __future__ import annotations
-
 import copy
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the frozen tree did wrong in silence, by command, file or import (synthetic data)."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What goes out: exports, the report, figures, tables; and that all of it says "synthetic"."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The program as a whole: same bytes, freshness, exit statuses, help."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Changes to a file that keep most of its structure, so that they get past its first bytes."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

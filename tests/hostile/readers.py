@@ -1,7 +1,5 @@
 """Every reader as a function of bytes: it returns, or raises a `BeltidError`."""
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

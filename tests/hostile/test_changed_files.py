@@ -1,7 +1,5 @@
 """Whatever is done to a file, its reader takes it or refuses it with status 2, and soon."""
 
-from __future__ import annotations
-
 import random
 import time
 

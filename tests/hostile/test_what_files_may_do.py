@@ -1,7 +1,5 @@
 """What is in a file stays data: no code, no other files, no network, no commands to a terminal."""
 
-from __future__ import annotations
-
 import ast
 import gzip
 import os

@@ -1,7 +1,5 @@
 """A synthetic press bench with a known law, for tests only."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Agreement of two campaigns: matched by settings, judged without mercy for gaps and nan."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Channels of one run and what is set aside: counts by hand, both sides of every limit."""
 
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 

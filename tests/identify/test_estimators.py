@@ -1,7 +1,5 @@
 """Statistics of bench signals against sums by hand, and both sides of every limit."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Friction is held until the pulley turns and goes over into mu beta.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Formulas fitted to surfaces: exact points, covered parameters, the right law, published data."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pieces of the friction model against sums and least squares written out by brute force."""
 
-from __future__ import annotations
-
 import math
 from copy import copy
 from types import SimpleNamespace

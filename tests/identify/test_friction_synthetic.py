@@ -1,7 +1,5 @@
 """The reduction on synthetic records with a known answer: other rigs, noise and faults."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from golden import benches
-from hypothesis import assume, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 from scipy.signal import lfilter
 from virtual_rig import Recipe, bench, record, reduce_runs
 

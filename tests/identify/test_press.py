@@ -1,7 +1,5 @@
 """The normal law from a press: truth in, truth out; what a press does not show is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from press_bench import Bench, each_test, force_errors, joined

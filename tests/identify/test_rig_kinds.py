@@ -3,8 +3,6 @@
 Which kinds give the truth is in the corpus.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sliding speeds from the speed-loss bench, their errors, and the pulley speeds they ask for."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

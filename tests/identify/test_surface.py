@@ -1,17 +1,13 @@
 """Friction surfaces: known laws back, honest errors, averages over arcs by hand."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.stats import norm, t as student
 
 from beltid.errors import InputError
 from beltid.identify.surface.surface import (

@@ -1,13 +1,10 @@
 """Euler–Eytelwein on the friction rig: closed forms, limits and quadrature."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
 from beltid.laws import capstan

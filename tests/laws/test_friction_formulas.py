@@ -1,13 +1,10 @@
 """Formulas of friction and of normal contact laws: values by hand, limits, derivatives."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from beltid.laws.friction_formulas import FRICTION_LAWS
 

@@ -1,11 +1,8 @@
 """Normal contact law and material of the belt against the paper's check points and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw, elastic_energy

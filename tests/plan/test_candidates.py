@@ -1,7 +1,5 @@
 """Candidates as rows of the linear model, and the surface before any run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

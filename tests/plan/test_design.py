@@ -1,7 +1,5 @@
 """The choice of runs, against closed forms, exhaustive search and another program; the session."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """The plan as a Python function, from results."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

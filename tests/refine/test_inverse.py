@@ -1,7 +1,5 @@
 """The inverse problem against the synthetic benches, whose truth comes from another model."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The mixed model of a campaign: against generalised least squares and draws of itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

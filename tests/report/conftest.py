@@ -1,7 +1,5 @@
 """The page of the belt that was never measured, drawn once for all who look at it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

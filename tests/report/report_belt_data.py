@@ -1,7 +1,5 @@
 """Results of a small belt that was never measured: numbers that a test knows beforehand."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The report in a real browser: opened from the disk, without a network."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

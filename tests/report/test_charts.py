@@ -1,7 +1,5 @@
 """Each chart shows the numbers of the artifacts, with units on its axes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

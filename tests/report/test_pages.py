@@ -1,7 +1,5 @@
 """A page is well-formed, brings everything along, lets nothing in, and says what was found."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser

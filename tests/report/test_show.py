@@ -1,7 +1,5 @@
 """beltid show: every kind of artifact has a table and figures, on narrow terminals, too."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

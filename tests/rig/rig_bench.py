@@ -1,7 +1,5 @@
 """The rig of the reference table with some of it changed, and what the tests ask of it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

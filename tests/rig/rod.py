@@ -9,8 +9,6 @@ belt, the moment M and the force n that the part beyond S exerts:
 with the load f of pulley and friction per stress-free length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Random rigs against an elastic rod in strong form, which shares only the laws of contact."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

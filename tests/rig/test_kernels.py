@@ -1,7 +1,5 @@
 """Forces and tangents of the kernels: derivatives of each other, inertia and damping by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk

@@ -1,7 +1,5 @@
 """Derivatives by the adjoint are those of the discrete solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rig_bench import LAW_5PK, at, bench, slid, surface_5pk

@@ -1,7 +1,5 @@
 """Full sliding: closed forms, identities, given forces, and failures that say what failed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs in time: published build-up, laws of friction, both solvers, convergence in the step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

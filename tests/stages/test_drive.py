@@ -1,14 +1,11 @@
 """simulate-drive and compare-drive: the circle closed with the speed-loss bench."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 from golden.test_chain import true_mu
-from golden.test_mechanics import LAW_5PK as LAW
-from golden.test_mechanics import section_of, two_pulleys
+from golden.test_mechanics import LAW_5PK as LAW, section_of, two_pulleys
 
 import beltid
 from beltid.config import load_config

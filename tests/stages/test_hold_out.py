@@ -1,7 +1,5 @@
 """Runs left out and predicted: the truth of another model is met, and they have no say in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """What is known of the cells of a bench counts wherever its recording goes; right ones pass."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The simulated rig of every kind of bench, through the reduction of the bench, and back again."""
 
-from __future__ import annotations
-
 import functools
 import math
 from itertools import product

@@ -1,7 +1,5 @@
 """fit-friction of a table with a row per plateau, for benches of every kind."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

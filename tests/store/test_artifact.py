@@ -1,7 +1,5 @@
 """Artifacts say what they are, are the same bytes for the same content, and show any damage."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import asdict, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables against their text, what must hold for all of them; spellings of units."""
 
-from __future__ import annotations
-
 import pytest
 
 from beltid.tables import schemas

@@ -1,7 +1,5 @@
 """The synthetic benches, whose truth comes from another model, as campaigns to refine."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the reduction of all runs shares: no number of runs averages it away, no fit shrinks it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

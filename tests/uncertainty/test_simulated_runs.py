@@ -1,7 +1,5 @@
 """What is not known of simulated runs: against runs simulated anew with the error put in."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -21,8 +19,7 @@ from beltid.uncertainty.simulated import (
     simulated_runs,
     simulated_uncertainty,
 )
-from beltid.uncertainty.sources import RIG as RIG_
-from beltid.uncertainty.sources import StandardUncertainties, stated_sources
+from beltid.uncertainty.sources import RIG as RIG_, StandardUncertainties, stated_sources
 
 POINTS = [
     OperatingPoint(math.radians(arc), T_0, omega)

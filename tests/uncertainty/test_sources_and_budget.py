@@ -1,7 +1,5 @@
 """Errors of the benches and their budgets, against closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Linear uncertainties of both surfaces: against new fits, dimensions and truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

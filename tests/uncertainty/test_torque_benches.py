@@ -1,7 +1,5 @@
 """Uncertainty of benches that measure a torque, against draws of what their channels show."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ power law. What the bench reads differs from what is true by errors drawn once f
 noise drawn for each run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

@@ -22,21 +22,17 @@ unless the belt was rocked free (`free_at_rest`); runs in both directions show i
 why they are as they are: docs/theory.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.run import RunReduction
 from beltid.mixed import Mixed, Own, Posterior, Shared, Size, root
-
-Array = NDArray[np.float64]
 
 MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 """Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""

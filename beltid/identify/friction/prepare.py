@@ -13,13 +13,12 @@ of samples whose length grows with the travel: short where the tail of the peak 
 where only the level remains.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from beltid.arrays import Array, Mask
 from beltid.identify.estimators import (
     NOISE_FLOOR,
     block_means,
@@ -45,9 +44,6 @@ from beltid.identify.friction.run import (
     reject,
 )
 from beltid.laws.capstan import sliding_speed
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MAX_MISSING = 0.3  # largest share of the samples that may be missing or not positive
 CLIPPED, FEWEST_CLIPPED = 0.04, 4
@@ -84,7 +80,7 @@ LINES = 3  # largest number of ripples fitted to a run
 OUTLIER = 6.0  # distance from the smooth course above which a sample is dropped, in robust sigmas
 
 
-def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecord | None]:
+def prepare_run(record: RunRecord, R: float) -> "tuple[RunReduction, SlidingRecord | None]":
     """Return what a record gives by itself, and its sliding; None if the status is final."""
     run = replace(record.result)
     try:
@@ -94,7 +90,7 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
     return run, None
 
 
-def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
+def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     kind, weight = record.kind, record.kind.weight
     reject(bool(run.status), run.status)

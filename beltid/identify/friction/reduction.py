@@ -10,8 +10,6 @@ Rows of a table, plateaus without rest and build-up, give one coefficient each b
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array, Columns
 from beltid.errors import InputError
 from beltid.identify.estimators import mad_sigma, median
 from beltid.identify.friction.bench_model import Bench, cell_errors, fit_bench
@@ -41,8 +40,6 @@ from beltid.identify.friction.run import (
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
 
-Array = NDArray[np.float64]
-
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
 SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
@@ -61,7 +58,7 @@ def reduce_plateaus(
     that are missing.
     """
     n = len(columns["run"])
-    table: dict[str, NDArray[Any]] = {
+    table: Columns = {
         name: np.asarray(columns.get(name, np.full(n, NAN)), float)
         for name in (*NUMBERS, *STATED, *SPEEDS, "mu_se")
     }

@@ -18,15 +18,14 @@ Known errors of the cells are corrected here, so that the difference of the cell
 the unknown rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from beltid.arrays import Array, Mask
 from beltid.errors import InputError
 from beltid.laws.capstan import (
     STRAIGHT,
@@ -39,7 +38,6 @@ from beltid.laws.capstan import (
     tensions_by_torque,
 )
 
-Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 
 Span = Literal["tight", "slack"]
@@ -135,7 +133,7 @@ class RigKind:
         }[self.measures] + ("belt_speed_m_s",) * self.running
         return [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
 
-    def found_in(self, columns: Columns) -> RigKind:
+    def found_in(self, columns: Columns) -> Self:
         """Return this kind with what a recording holds beside a torque, or raise `InputError`."""
         found = self
         if self.measures == "torque":
@@ -214,7 +212,7 @@ def drag_of(idle: Sequence[Columns]) -> Drag | None:
     return Drag(speeds, torques, float(np.mean([np.mean(M) for M in still if M.size] or 0.0)))
 
 
-def in_direction(columns: Columns) -> tuple[Array, Array, NDArray[np.bool_]]:
+def in_direction(columns: Columns) -> tuple[Array, Array, Mask]:
     """Return torque and speed in the direction of rotation, and where the pulley surely turns."""
     torque, speed = columns["torque_N_m"], columns["pulley_speed_rad_s"]
     turns = np.abs(speed) > 0.5 * float(np.nanmax(np.abs(speed), initial=0.0))

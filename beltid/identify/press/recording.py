@@ -5,8 +5,6 @@ elastic law of Eq. (3) is the curve midway between them *at equal penetration*: 
 interpolated to common positions. Positions and forces rise while the belt is compressed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import InputError
 from beltid.identify.estimators import (
-    Array,
     difference_sigma,
     integrated_autocorrelation_time,
     mad_sigma,

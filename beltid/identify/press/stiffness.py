@@ -13,8 +13,6 @@ a share of what reversals of the crosshead may add, where the branches separate 
 belt was never unloaded, half the loop is an unknown share of the force.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import FitError, NumericsError
 from beltid.identify.estimators import difference_sigma
 from beltid.identify.press.recording import (
@@ -31,7 +30,7 @@ from beltid.identify.press.recording import (
     read_recording,
 )
 from beltid.laws.penalty import NormalLaw
-from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size, relinearised
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size, relinearised
 
 Sizes = Mapping[str, float]
 

@@ -9,8 +9,6 @@ with the known covariance of the nodes, an error of the law that is correlated b
 independent scatter; wide priors hold what the nodes do not show. The laws are ranked by evidence.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -19,11 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
+from beltid.arrays import Array
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionLaw
-from beltid.mixed import Array, Mixed, Own, Shared, Size, relinearised
+from beltid.mixed import Mixed, Own, Shared, Size, relinearised
 
 FORCE_SPREAD = 0.05  # relative; forces in a narrower range do not determine an exponent
 SCAN = 25  # speed scales of the scan for a first guess

@@ -18,13 +18,10 @@ over all speeds at the same force, and Student's t at a probability of 68 %.
 Runs that are no grid have one smooth surface (P-splines over ln f, ln v): docs/theory.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,11 +29,12 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import block_diag
 from scipy.special import ndtr, stdtrit
 
+from beltid.arrays import Array, Columns, Mask
 from beltid.errors import InputError
 from beltid.identify.estimators import settings_of
 from beltid.laws.bicubic import bounded_cubic
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.mixed import Array, Mixed, Own, Shared, Size, root
+from beltid.mixed import Mixed, Own, Shared, Size, root
 
 SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
@@ -88,7 +86,7 @@ class Curve:
     se: Array  # its standard error [-]
     band: tuple[float, float]  # lowest and highest measured friction coefficient of its runs [-]
 
-    def covers(self, force: Array) -> NDArray[np.bool_]:
+    def covers(self, force: Array) -> Mask:
         """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
@@ -313,7 +311,7 @@ class SurfaceResult:
         known = squares[np.isfinite(squares)]
         return math.sqrt(np.mean(known)) if known.size else math.nan
 
-    def to_columns(self) -> dict[str, NDArray[Any]]:
+    def to_columns(self) -> Columns:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
         parts = []
         for g in (self.average, *self.arcs):
