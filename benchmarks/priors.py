@@ -1,0 +1,114 @@
+"""What hangs on a prior: each is doubled in turn, on six rows of the study of coverage.
+
+    python -m benchmarks.priors [--n 20] [--first SEED]
+
+Writes PRIORS.md. A constant of `beltid.identify.friction` is doubled where it stands, the size of a
+term of the model of a bench where it is built; the table of docs/theory.md has both, and why.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from beltid.identify.friction import bench_model, prepare, reduction
+from beltid.mixed import Own, Size
+from benchmarks.coverage import friction
+
+PAGE = Path(__file__).with_name("PRIORS.md")
+ROWS = (
+    "one exponential",
+    "power law, long tail",
+    "AR noise 0.2 s, 0.5 N",
+    "zero of the slack cell drifts by 1 N in a run",
+    "mu drifts within a run, +1 %",
+    "held at rest, 2 %, half reversed",
+)
+MODULES = (bench_model, prepare, reduction)
+CONSTANTS = (
+    *("POWER", "ZEROS", "RELEASE", "RELAXATION", "DRIFT", "DECAY", "FREE", "FREEDOM", "SLOW"),
+    *("CELL_ZEROS", "HELD", "OWN_SIZE", "GAINS", "SETTINGS", "ARCS", "SCATTER", "OUTLIER", "SPIKE"),
+    *("MAX_ERROR", "MAX_DRIFT", "MAX_TAIL", "MAX_MISFIT", "MAX_NOISE_RATIO"),
+)
+TERMS = (
+    *("white", *(f"memory {tau:g} s" for tau in bench_model.MEMORIES_S[:-1]), "walk", "turn"),
+    *("own decay", "height", "length", "rest"),
+)
+INTRODUCTION = """# Priors, doubled
+
+Written by `python -m benchmarks.priors` in {minutes:.0f} minutes; **synthetic** benches of {n}
+runs, seed {first}. Of each prior or threshold that is doubled: the RMS error of `mu_sliding` over
+that without, the geometric mean of six rows and the row that changes most, and the least share of
+intervals that hold the truth. As they stand the errors are, in percent, {errors};
+at least {covered:.0f} % of the intervals hold.
+
+| doubled | mean | most | covered % |
+|---|---|---|---|
+"""
+
+
+def twice(value: Any) -> Any:
+    """A prior or threshold of twice the size; its probabilities and its width stay."""
+    if isinstance(value, Size):
+        return replace(value, median=2.0 * value.median)
+    if isinstance(value, tuple):
+        return tuple((2.0 * size, chance) for size, chance in value)
+    return 2.0 * value
+
+
+@contextmanager
+def doubled(name: str) -> Iterator[None]:
+    """Double a constant, or the size of a term, as long as this lasts."""
+    if name in CONSTANTS:
+        (module,) = [one for one in MODULES if hasattr(one, name)]
+        change = patch.object(module, name, twice(getattr(module, name)))
+    else:
+        larger: Callable[..., Own] = lambda term, size, **shape: Own(  # noqa: E731
+            term, twice(size) if term == name else size, **shape
+        )
+        change = patch.object(bench_model, "Own", larger)
+    with change:
+        yield
+
+
+def study(n: int, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """RMS errors [%] of the rows, and shares of intervals that hold [%]."""
+    found = [friction(row, n, first, 1) for row in ROWS]
+    rms = [100.0 * np.sqrt(np.mean(one.error**2)) for one in found]
+    return np.array(rms), np.array([one.covered for one in found])
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--n", type=int, default=20, help="runs of a bench")
+    parser.add_argument("--first", type=int, default=100, help="seed of the draws")
+    asked, begin = parser.parse_args(), time.perf_counter()
+    usual, covered = study(asked.n, asked.first)
+    rows = ""
+    for name in (*CONSTANTS, *TERMS):
+        with doubled(name):
+            rms, held = study(asked.n, asked.first)
+        ratio = rms / usual
+        most = int(np.argmax(np.abs(np.log(ratio))))
+        mean = np.exp(np.mean(np.log(ratio)))
+        rows += f"| `{name}` | {mean:.2f} | {ratio[most]:.2f} {ROWS[most]} | {held.min():.0f} |\n"
+        print(rows.splitlines()[-1], flush=True)
+    text = INTRODUCTION.format(
+        minutes=(time.perf_counter() - begin) / 60.0,
+        n=asked.n,
+        first=asked.first,
+        errors=", ".join(f"{error:.3g}" for error in usual),
+        covered=covered.min(),
+    )
+    PAGE.write_text(text + rows, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
