@@ -160,11 +160,8 @@ def test_a_positive_coefficient_has_mode_and_evidence_of_its_density() -> None:
 
 
 def test_the_slope_of_the_evidence_holds_with_positive_coefficients() -> None:
-    terms = [
-        Shared("a", X**2, Size(0.7, 1.0), mean=[0.2, -0.4], positive=True),
-        Shared("u", U, Size(0.3, 1.0)),
-    ]
-    y = X**2 @ [3.0, 0.2] + 0.5 * Y
+    positive = Shared("a", X**2, Size(0.7, 1.0), mean=[0.2, -0.4], positive=True)
+    y, terms = X**2 @ [3.0, 0.2] + 0.5 * Y, [positive, Shared("u", U, Size(0.3, 1.0))]
     model = Mixed(y, terms, [Own("noise", Size(0.6, 0.8), diagonal=SD)], ONE, SCALE)
     theta, steps = np.array([0.3, -0.8, -0.6]), 1e-4 * np.eye(3)
     evidence = [[model._evaluate(theta + s * d)[0].log_evidence for d in steps] for s in (1, -1)]

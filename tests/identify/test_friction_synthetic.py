@@ -162,9 +162,6 @@ def test_a_run_that_sticks_and_slips_is_set_aside_with_its_noise() -> None:
     more = 12.0 * BASE.noise * moving * np.random.default_rng(4).normal(size=moving.size)
     run = reduce_columns(columns | {TIGHT: columns[TIGHT] + more})
     assert run.status.startswith("sticks and slips")
-    # of the tight cell only, over the noise of both: the slack one counts by T_tight/T_slack
-    times = np.hypot(1.0, 12.0 / np.hypot(1.0, np.exp(0.8 * np.radians(82.0))))
-    assert float(run.status.split("is ")[1].split(" times")[0]) == pytest.approx(times, rel=0.2)
 
 
 def test_a_slow_drift_of_friction_is_kept_and_reported() -> None:

@@ -89,6 +89,7 @@ def test_bounded_cubic_is_the_natural_spline_where_no_bound_acts() -> None:
     at = np.linspace(0.0, 3.0, 61)
     expected = CubicSpline(x, z, bc_type="natural")(at)
     np.testing.assert_allclose(bounded_cubic(x, z, at), expected, rtol=1e-12)
+    np.testing.assert_allclose(bounded_cubic(x[:2], z[:2], at[:9]), np.interp(at[:9], x, z))
 
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
@@ -102,6 +103,13 @@ def test_few_nodes_reproduce_the_polynomial_they_determine(nodes: int) -> None:
     assert f"{words[nodes - 1]} along it, cubic needs 4" in surface.notes[0]
     at = np.linspace(f[0], f[-1], 31)
     assert surface.mu(at, 0.01) == pytest.approx(polynomial(np.log1p(at / 1000.0)), rel=1e-14)
+
+
+@pytest.mark.parametrize("rise", [0.01, -0.01])
+def test_four_nodes_are_cubic_and_a_fall_with_speed_is_known(rise: float) -> None:
+    x = np.arange(1.0, 5.0)
+    surface = FrictionSurface(x, x, np.tile(1.0 + rise * x, (4, 1)))
+    assert (surface.notes, surface.falls_with_speed) == ((), rise < 0.0)
 
 
 @pytest.mark.parametrize(("law", "documented"), KNOWN)
@@ -241,6 +249,8 @@ def test_uncertainty_at_nodes_between_and_beyond() -> None:
     plain = FrictionSurface([1000.0, 3000.0], [0.01], [[1.0], [1.0]], [[0.01], [np.nan]])
     assert plain.mu_u(1000.0, 0.01) == pytest.approx(0.01)
     assert np.isnan(plain.mu_u(3000.0, 0.01))  # unknown stays where it is
+    even = FrictionSurface([1000.0, 3000.0], [0.01], np.ones((2, 1)), np.full((2, 1), 0.01))
+    assert even.with_covariance(0.01 * np.eye(2)[:, None]).mu_u(1800.0, 0.01) == pytest.approx(0.01)
     with pytest.raises(InputError, match="no covariance"):
         plain.factor_at(1000.0, 0.01)
 
