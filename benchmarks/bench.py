@@ -5,8 +5,6 @@ ratios are ours over theirs. Times are processor times of one core unless the ta
 best of the rounds counts, since other work on the machine only adds.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

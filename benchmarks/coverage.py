@@ -8,8 +8,6 @@ benches of the tests (``tests/identify/virtual_rig.py``), on whose rows priors w
 ``beltid.fit_stiffness``, and simulated campaigns that are refined. ``--first`` gives fresh draws.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time
@@ -23,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 import beltid
+from beltid.arrays import Array
 from benchmarks import other_bench, table
 
 ROOT = Path(__file__).parents[1]
@@ -34,8 +32,6 @@ sys.path[:0] = [str(ROOT / "tests" / "uncertainty"), str(ROOT / "tests" / "ident
 import virtual_rig  # noqa: E402
 from press_bench import Bench  # noqa: E402
 from virtual_bench import NO_ERRORS, SMALL, Design, repetition  # noqa: E402
-
-Array = NDArray[np.float64]
 
 PAGE = ROOT / "docs" / "coverage.md"
 DRAWS = {1: 4, 5: 2, 20: 1, 120: 1}

@@ -7,14 +7,13 @@ the apparent mu.) For sliding, the velocity coordinate of the pulley is set to o
 segment is seeded as sliding: one load step of the static solver gives the limit of full sliding.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from beltid.arrays import Array
 
 sys.exudynFast = True  # type: ignore[attr-defined]  # Exudyn's build without range checks
 import exudyn as _exudyn  # noqa: E402
@@ -30,7 +29,7 @@ SLIP_PENALTY = 1.0e6  # N s/m: every segment slides at every speed of the compar
 ELEMENTS, SEGMENTS = 20, 6  # of the belt, and contact segments of each: mu to 0.05 %
 
 
-def shape_of(s: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
+def shape_of(s: Array, beta: float) -> Array:
     """Position and slope (n, 4) on the path: straight along x, over the pulley, straight."""
     angle = np.clip((s - SPAN_M) / RADIUS_M, 0.0, beta)
     before, after = np.minimum(s - SPAN_M, 0.0), np.maximum(s - SPAN_M - RADIUS_M * beta, 0.0)
@@ -79,9 +78,7 @@ class PeerRig:
         )
         return constraint, marker
 
-    def _add_belt(
-        self, nodes: NDArray[np.float64], coordinates: NDArray[np.float64], length: float
-    ) -> None:
+    def _add_belt(self, nodes: Array, coordinates: Array, length: float) -> None:
         mbs = self._mbs
         ends = [
             mbs.AddNode({"nodeType": "Point2DSlope1", "referenceCoordinates": row})

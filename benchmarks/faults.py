@@ -6,8 +6,6 @@ A fault counts as survived if every result in the folder is afterwards the old o
 whole, and the next run makes the rest; else as lost, and the exit status is 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random

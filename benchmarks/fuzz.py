@@ -9,8 +9,6 @@ process, or more than 4 GB of memory. Findings are written to build/fuzz/<reader
 status is 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import hashlib
@@ -22,14 +20,13 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from typing import Final
 
-ROOT: Final = Path(__file__).parents[1]
-HOSTILE: Final = ROOT / "tests" / "hostile"
-BUILD: Final = ROOT / "build" / "fuzz"
-SLOW_S: Final = 3.0
-RESTARTS: Final = 200
-SHARES: Final = {"tdms": 0.5, "mdf": 0.1, "mat": 0.5, "hdf5": 0.5, "xlsx": 0.2}
+ROOT = Path(__file__).parents[1]
+HOSTILE = ROOT / "tests" / "hostile"
+BUILD = ROOT / "build" / "fuzz"
+SLOW_S = 3.0
+RESTARTS = 200
+SHARES = {"tdms": 0.5, "mdf": 0.1, "mat": 0.5, "hdf5": 0.5, "xlsx": 0.2}
 """Inputs of a reader, in parts of those of the others: these are slow."""
 
 sys.path.insert(0, str(HOSTILE))

@@ -8,8 +8,6 @@ files, templates and data included; its statements those of its Python files. Of
 `benchmarks` the Python files count, of the pages (README and docs) the words.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

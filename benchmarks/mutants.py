@@ -16,8 +16,6 @@ mutmut does the same for whole packages, but it runs modules from rewritten copi
 the compiler of the kernels cannot compile; so this is its small stand-in.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import functools
@@ -39,7 +37,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import coverage
 import hypothesis
@@ -49,18 +47,18 @@ import pytest
 from benchmarks import put, table
 from benchmarks.mutant_places import Mutant, mutant, number_of_places
 
-ROOT: Final = Path(__file__).parents[1]
-PAGE: Final = Path(__file__).with_name("VERIFICATION.md")
-INTRODUCTION: Final = """# Mutants
+ROOT = Path(__file__).parents[1]
+PAGE = Path(__file__).with_name("VERIFICATION.md")
+INTRODUCTION = """# Mutants
 
 Written by `python -m benchmarks.mutants --beside LOG`: {mutants} random faults in each room, one at
 a time (seed {seed}), against the room's own tests, {test_seconds:g} s of them at most. *Seen* are
 those that a test fails on, a lower bound; beside it the same of an earlier tree, its own tests.
 
 """
-COPIED: Final = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
-IDENTIFY: Final = "tests/test_mixed.py tests/identify"
-ROOMS: Final = {
+COPIED = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
+IDENTIFY = "tests/test_mixed.py tests/identify"
+ROOMS = {
     "laws": "beltid/laws/*.py: tests/laws",
     "rig": "beltid/rig/*.py: tests/rig",
     "mixed": f"beltid/mixed.py: {IDENTIFY}",
@@ -68,12 +66,12 @@ ROOMS: Final = {
     "refine": "beltid/refine/*.py: tests/refine",
     "drive": "beltid/drive/*.py: tests/drive",
 }
-KERNELS: Final = ("rig", "drive")
+KERNELS = ("rig", "drive")
 """Rooms with compiled functions."""
-LONGEST_S: Final = 3600.0
-TIMED: Final = ("_take_less_than_", "_seconds")
+LONGEST_S = 3600.0
+TIMED = ("_take_less_than_", "_seconds")
 """Tests of speed: a busy machine, not a fault, would fail them."""
-WARM: Final = (
+WARM = (
     "numpy.testing",
     "scipy.interpolate",
     "scipy.optimize",
@@ -85,11 +83,11 @@ WARM: Final = (
     "_pytest.unittest",
     "_pytest.unraisableexception",
 )
-OPTIONS: Final = (
+OPTIONS = (
     *("-q", "--no-header", "--tb=no", "--assert=plain", "-o", "addopts="),
     *("-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:faulthandler"),
 )
-MEMORY_BYTES: Final = 8 * 2**30
+MEMORY_BYTES = 8 * 2**30
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,6 @@ the peak and the decay to the plateau are one curve over the sliding distance. E
 function that changes a recording. ``benchmarks/coverage.py`` reduces them. All of it is synthetic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate
@@ -15,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltid.arrays import Array, Mask
+
 RADIUS_M = 0.04
 """Radius of the belt's centreline on the pulley [m]."""
 EA_N, SPAN_M = 1.3e5, 0.12
@@ -67,7 +65,7 @@ class Run:
     sense: int
     """-1 if it turns the other way: then the slack span is the one called tight."""
     time_s: Array
-    turning: NDArray[np.bool_]
+    turning: Mask
     """Mask of the samples in which the pulley turns."""
     leading: Array
     trailing: Array

@@ -10,8 +10,6 @@ uncertainty that the plan promised, over the target. `z` is the root mean square
 stated standard uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

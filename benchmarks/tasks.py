@@ -6,8 +6,6 @@ version: ``benchmarks.bench --beside PYTHON`` has another one do the same work i
 are synthetic.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

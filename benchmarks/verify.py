@@ -5,8 +5,6 @@ elements, no contact points, no assembly. The rigs are drawn with a fixed seed o
 than those of the bench data.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
@@ -15,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -84,7 +82,7 @@ def exact(bench: Bench, point: OperatingPoint) -> tuple[float, float]:
     """Tensions of the rod [N]."""
     v = point.omega * bench.rig.R
 
-    def mu(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mu(f: Array) -> Array:
         return np.asarray(bench.surface.mu(f, v), dtype=float)
 
     rod = Rod(
