@@ -91,12 +91,6 @@ def stribeck(f: Array, v: Array) -> Array:
     return 0.95 * (f / 5400.0) ** -0.18 * (1.0 + 0.45 * rise)
 
 
-def steep(f: Array, v: Array) -> Array:
-    """Falls with the force all over; rises with the speed, less and less."""
-    z = np.log(v / 0.02)
-    return (0.5 + 0.5 / (1.0 + (f / 1800.0) ** 0.6)) * (1.0 + 0.06 * z - 0.01 * z**2)
-
-
 def falling(f: Array, v: Array) -> Array:
     """Adhesion at low force; a highest value at some speed."""
     hump = 0.25 * np.exp(-0.5 * np.square(np.log(v / 0.02) / 1.5))
@@ -147,15 +141,6 @@ BENCHES = {
             (0.03, 0.08, 0.2, 0.5, 1.3),
         ),
     ),
-    "6PK rig, 12 runs, noisy friction": synthetic(
-        bent,
-        USUAL_CLASS,
-        NoiseLaw(friction=0.008, tension=0.1),
-        belt=Belt(1.2e5, 0.024, 0.12),
-        law=NormalLaw(7.1e7, 3.9e11),
-        settings=SMALL_FACTORIAL,
-        runs=12,
-    ),
     "weight on the slack span, limp belt, 12 runs": synthetic(
         falling,
         USUAL_CLASS,
@@ -174,20 +159,6 @@ BENCHES = {
         kind=RigKind("torque"),
         settings=SMALL_FACTORIAL,
         runs=12,
-    ),
-    "weight on the tight span, 38 mm, four arcs": synthetic(
-        steep,
-        USUAL_CLASS,
-        NoiseLaw(friction=0.003, tension=0.1),
-        belt=Belt(0.9e5, 0.009, 0.075),
-        rig=Rig(0.038, 0.13, given_force="tight"),
-        law=NormalLaw(5.0e7, 2.0e11),
-        kind=RigKind("dead_weight", weight_on="tight"),
-        settings=(
-            (75.0, 105.0, 135.0, 165.0),
-            (60.0, 120.0, 200.0, 300.0, 400.0),
-            (0.1, 0.25, 0.6, 1.4),
-        ),
     ),
 }
 
