@@ -259,7 +259,6 @@ class RunResult:
     sliding: State
     # of a transient run: time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s
     recording: Mapping[str, Array] | None
-    clamped_lookups: int  # contact points that slide outside the measured range of the surface
 
     @property
     def tension_tight_N(self) -> float:
@@ -364,6 +363,4 @@ def _simulated(
             "tension_slack_N": np.append(laid.T_B, slack),
             "pulley_speed_rad_s": np.append(0.0, steps["omega"]),
         }
-    touching = last.now[last.touching]
-    outside = ~bench.surface.covers(touching["f_N"], touching["speed"])
-    return RunResult(model, last, recording, int(np.count_nonzero(outside)))
+    return RunResult(model, last, recording)

@@ -115,9 +115,9 @@ def simulated(
         raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(good, bench, config, press, stored, workers)
-    outside = sum(result.clamped_lookups for result in good.values())
-    lookups = sum(np.count_nonzero(result.sliding.touching) for result in good.values())
-    share = percent(100 * outside / max(lookups, 1))
+    points = np.concatenate([run.sliding.now[run.sliding.touching] for run in good.values()])
+    outside = np.count_nonzero(~bench.surface.covers(points["f_N"], points["speed"]))
+    share = percent(100 * outside / max(points.size, 1))
     beyond = f"nearest value used: {share} of the sliding contacts are outside the measured surface"
     columns = recording_columns(good.items(), config)
     return Outcome(
@@ -130,7 +130,7 @@ def simulated(
             "samples": len(columns["time_s"]),
             "mu_range": span([result.mu for result in good.values()]),
             "clamped_lookups": outside,
-            "lookups": lookups,
+            "lookups": points.size,
             **({"uncertainty": uncertainty.extra()} if uncertainty else {}),
         },
         tables={"simulated_runs": rows},

@@ -11,7 +11,6 @@ from scipy.optimize import brentq
 
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.capstan import friction_coefficient
-from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rig.mesh import touchdown
 from beltid.rig.runs import RunResult, SimulationSettings, runs_of_one_belt, simulate
@@ -104,13 +103,6 @@ def test_friction_is_looked_up_at_the_force_and_the_speed_of_the_point() -> None
     points = state.now[state.touching]
     expected = surface.mu(points["f_N"], 0.21 * 0.05) * points["F_N"]
     np.testing.assert_allclose(points["F_T"], expected, rtol=1e-9)
-
-
-def test_look_ups_outside_the_measured_range_are_counted() -> None:
-    surface = FrictionSurface([4000.0, 8000.0], [0.01, 0.02], [[0.5, 0.5], [0.5, 0.5]])
-    run, faster = (simulate(bench(law=LAW_5PK, mu=surface), at(omega=w), STEADY) for w in (0.21, 1))
-    assert 0 < run.clamped_lookups < np.count_nonzero(run.sliding.touching)
-    assert faster.clamped_lookups == np.count_nonzero(faster.sliding.touching)
 
 
 def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:

@@ -18,6 +18,7 @@ from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import run_records
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.stages import rig as rig_stage
 from beltid.stages.inputs import press_law
 from beltid.stages.rig import (
     PlannedRun,
@@ -222,3 +223,17 @@ def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
     # runs measured with a torque are not taken for those of two cells
     with pytest.raises(InputError, match="torque_with"):
         prepared_campaign({**columns, "torque_with": np.full(10, "tight")}, press, config, {})
+
+
+def test_look_ups_outside_the_measured_range_are_counted() -> None:
+    narrow = FrictionSurface([4000.0, 8000.0], [0.004, 0.01], [[0.5, 0.5], [0.5, 0.5]])
+    config = config_of("torque")
+
+    def counts(speed: float) -> tuple[int, int]:
+        picked = (82.0,), (300.0,), (speed,)
+        facts = rig_stage.simulated(narrow, LAW, None, config, picked, "steady", Workers()).facts
+        return facts["clamped_lookups"], facts["lookups"]
+
+    slow, fast = (counts(speed) for speed in (0.1, 0.42))
+    assert 0 < slow[0] < slow[1]
+    assert 0 < fast[0] == fast[1]
