@@ -8,8 +8,6 @@ term of the model of a bench where it is built; the table of docs/theory.md has 
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,8 @@ import numpy as np
 
 from beltid.identify.friction import bench_model, prepare, reduction
 from beltid.mixed import Own, Size
-from benchmarks.coverage import friction
+from benchmarks import table
+from benchmarks.coverage import DRAWS, friction
 
 PAGE = Path(__file__).with_name("PRIORS.md")
 ROWS = (
@@ -48,8 +47,6 @@ that without, the geometric mean of six rows and the row that changes most, and 
 intervals that hold the truth. As they stand the errors are, in percent, {errors};
 at least {covered:.0f} % of the intervals hold.
 
-| doubled | mean | most | covered % |
-|---|---|---|---|
 """
 
 
@@ -62,52 +59,50 @@ def twice(value: Any) -> Any:
     return 2.0 * value
 
 
-@contextmanager
-def doubled(name: str) -> Iterator[None]:
-    """Double a constant, or the size of a term, as long as this lasts."""
+def doubled(name: str) -> Any:
+    """A context in which a constant, or the size of a term, is doubled."""
     if name in CONSTANTS:
         (module,) = [one for one in MODULES if hasattr(one, name)]
-        change = patch.object(module, name, twice(getattr(module, name)))
-    else:
-        larger: Callable[..., Own] = lambda term, size, **shape: Own(  # noqa: E731
-            term, twice(size) if term == name else size, **shape
-        )
-        change = patch.object(bench_model, "Own", larger)
-    with change:
-        yield
+        return patch.object(module, name, twice(getattr(module, name)))
+
+    def larger(term: str, size: Size, **shape: Any) -> Own:
+        return Own(term, twice(size) if term == name else size, **shape)
+
+    return patch.object(bench_model, "Own", larger)
 
 
-def study(n: int, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """RMS errors [%] of the rows, and shares of intervals that hold [%]."""
+def study(n: int, first: int) -> np.ndarray:
+    """RMS errors of the rows, and shares of intervals that hold [%], (2, rows)."""
     found = [friction(row, n, first, 1) for row in ROWS]
-    rms = [100.0 * np.sqrt(np.mean(one.error**2)) for one in found]
-    return np.array(rms), np.array([one.covered for one in found])
+    return np.array([(one.rms, one.covered) for one in found]).T
 
 
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--n", type=int, default=20, help="runs of a bench")
+    parser.add_argument("--n", type=int, default=20, choices=list(DRAWS), help="runs of a bench")
     parser.add_argument("--first", type=int, default=100, help="seed of the draws")
     asked, begin = parser.parse_args(), time.perf_counter()
     usual, covered = study(asked.n, asked.first)
-    rows = ""
+    rows = []
     for name in (*CONSTANTS, *TERMS):
         with doubled(name):
             rms, held = study(asked.n, asked.first)
         ratio = rms / usual
         most = int(np.argmax(np.abs(np.log(ratio))))
-        mean = np.exp(np.mean(np.log(ratio)))
-        rows += f"| `{name}` | {mean:.2f} | {ratio[most]:.2f} {ROWS[most]} | {held.min():.0f} |\n"
-        print(rows.splitlines()[-1], flush=True)
-    text = INTRODUCTION.format(
+        mean, worst = np.exp(np.mean(np.log(ratio))), f"{ratio[most]:.2f} {ROWS[most]}"
+        rows.append((f"`{name}`", f"{mean:.2f}", worst, f"{held.min():.0f}"))
+        print(*rows[-1], flush=True)
+    introduction = INTRODUCTION.format(
         minutes=(time.perf_counter() - begin) / 60.0,
         n=asked.n,
         first=asked.first,
         errors=", ".join(f"{error:.3g}" for error in usual),
         covered=covered.min(),
     )
-    PAGE.write_text(text + rows, encoding="utf-8")
+    PAGE.write_text(
+        introduction + table(("doubled", "mean", "most", "covered %"), rows), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

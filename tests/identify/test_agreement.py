@@ -1,16 +1,13 @@
 """Agreement of two campaigns: matched by settings, judged without mercy for gaps and nan."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from beltid.arrays import Columns
 from beltid.errors import InputError
 from beltid.identify.agreement import compare_points
-
-Columns = dict[str, NDArray[Any]]
 
 ARCS, TENSIONS, SPEEDS = (40.0, 68.0, 82.0), (50.0, 150.0, 270.0, 450.0), (0.05, 0.21, 0.84)
 

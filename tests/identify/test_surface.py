@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.stats import norm, t as student
 
+from beltid.arrays import Array, Mask
 from beltid.errors import InputError
 from beltid.identify.surface.surface import (
     Curve,
@@ -18,7 +18,6 @@ from beltid.identify.surface.surface import (
     surface_from_columns,
 )
 
-Array = NDArray[np.float64]
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
 TENSIONS = np.array([50.0, 100, 150, 210, 270, 330, 390, 450])
 ARCS = np.array([40.0, 68, 82])
@@ -38,9 +37,7 @@ def runs(arc_factor: dict[float, float] | None = None) -> dict[str, Array]:
     return {"arc_deg": arc, "f": f, "v": v, "mu": law(f, v) * factor, "se": np.full(f.size, 1e-9)}
 
 
-def build(
-    data: dict[str, Array], keep: NDArray[np.bool_] | None = None, **how: float
-) -> SurfaceResult:
+def build(data: dict[str, Array], keep: Mask | None = None, **how: float) -> SurfaceResult:
     keep = np.ones(data["f"].size, dtype=bool) if keep is None else keep
     columns = (data[k][keep] for k in ("arc_deg", "f", "v", "mu", "se"))
     return build_surface(*columns, **how)  # type: ignore[arg-type]

@@ -19,14 +19,11 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from beltid.arrays import Array, Mask
 from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import TWO_CELLS, run_records
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 RADIUS_M = 0.05
 REFERENCE_SPEED = 0.21

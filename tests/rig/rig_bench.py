@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from golden.test_chain import true_mu
-from numpy.typing import NDArray
 
+from beltid.arrays import Array
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
@@ -14,8 +14,6 @@ from beltid.rig.banded import HALF
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.runs import lay_on, slide
-
-Array = NDArray[np.float64]
 
 LAW_5PK = NormalLaw(6.5e7, 3.0256e11)
 LINEAR_LAW = NormalLaw(1.0e8)

@@ -14,12 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
+from beltid.arrays import Array
 from beltid.laws.penalty import NormalLaw
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
