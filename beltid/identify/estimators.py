@@ -144,47 +144,24 @@ def difference_sigma(x: Array, order: int = 1) -> float:
     return sigma / math.sqrt(math.comb(2 * order, order))
 
 
-COARSEST = 0.1  # largest step of an ADC, over the largest value that it reads
+COARSEST = 0.1  # largest step of a converter, over the largest value that it reads
 
 
 def resolution(*signals: Array) -> float:
     """Return the largest step of an A/D converter that several signals show; zero if none shows.
 
-    The values of a coarse converter repeat and lie on an even grid through zero, or chatter; a step
-    is at most :data:`COARSEST` of the largest value. Samples in time order, in one unit, of which
-    zeros and those that are not finite do not count.
+    A coarse converter repeats its values: no more than half of them are new. Its step is the
+    smallest difference between them, at most :data:`COARSEST` of the largest. Values that are not
+    finite, or exactly zero, do not count.
     """
-    finite = [x[np.isfinite(x) & (x != 0.0)] for x in signals]
-    every = np.abs(np.concatenate(finite))
-    levels = np.unique(every)
-    if not 2 <= levels.size <= every.size // 2:
-        return 0.0
-    step = _grid(levels)
-    if step == 0.0 or abs(levels[0] / step - np.rint(levels[0] / step)) > 0.02:
-        step = max(_chatter_step(x) for x in finite)
-    return step if step <= COARSEST * levels[-1] else 0.0
-
-
-def _chatter_step(x: Array) -> float:
-    """Return the grid spacing of a signal that jumps to and fro; zero if it does not."""
-    moves, levels = np.diff(x), np.unique(x)
-    turns = np.count_nonzero(np.diff(np.sign(moves[moves != 0.0])))
-    return _grid(levels) if turns >= 3 and levels.size <= x.size // 2 else 0.0
-
-
-def _grid(levels: Array) -> float:
-    """Return the spacing of an even grid through all levels; zero if there is none."""
-    smallest, above = float(np.min(np.diff(levels))), levels - levels[0]
-    if above[-1] > 1e6 * smallest:
-        return 0.0
-    # with few levels the smallest gap may span several steps
-    for step in (smallest, smallest / 2.0, smallest / 3.0):
-        for _ in range(2):  # levels are rounded: the full range gives a better step than one gap
-            count = np.rint(above / step)
-            step = float(count @ above / (count @ count))
-        if np.max(np.abs(above - step * count)) <= 0.02 * step:
-            return step
-    return 0.0
+    steps = [0.0]
+    for signal in signals:
+        values = np.abs(signal[np.isfinite(signal) & (signal != 0.0)])
+        levels = np.unique(values)
+        if 2 <= levels.size <= values.size // 2:
+            step = float(np.min(np.diff(levels)))
+            steps.append(step if step <= COARSEST * levels[-1] else 0.0)
+    return max(steps)
 
 
 def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:

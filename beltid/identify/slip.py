@@ -134,7 +134,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     series = settings_of(np.abs(speed), SAME_SETTING)
     if not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS:
         series = one
-    step = resolution(*runs[DRIVER], *runs[DRIVEN])
+    step = resolution(*(np.concatenate(runs[name]) for name in (DRIVER, DRIVEN)))
     finite = ([x[np.isfinite(x)] for x in runs[name]] for name in (DRIVER, DRIVEN))
     scatters = ([np.std(x) if x.size else 0.0 for x in of_runs] for of_runs in finite)
     rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
