@@ -256,18 +256,11 @@ def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
 
 def _said(run: RunReduction) -> Iterator[str]:
     """Yield the notes of a run for the user."""
-    yield from _drag_taken_off(run)
     if run.arc_deg >= TOUCH_DEG:
         yield TOUCHING
     yield from run.notes
     if run.mu_sticking_reason:
         yield f"no mu_sticking: {run.mu_sticking_reason}"
-
-
-def _drag_taken_off(run: RunReduction) -> Iterator[str]:
-    if run.drag_N_m is not None:
-        size = " to ".join(f"{drag:.3g}" for drag in dict.fromkeys(run.drag_N_m))
-        yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
 
 
 def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
@@ -304,7 +297,8 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
 
 def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
     """Yield notes on events in several runs, with the number of runs."""
-    yield from dict.fromkeys(line for run in runs for line in _drag_taken_off(run))
+    if drag := max((run.drag_N_m for run in runs), default=0.0):
+        yield f"bearing drag subtracted: up to {drag:.3g} N m, measured on the idle pulley"
     for text, name in (("spikes left out", "n_spikes"), ("samples missing", "n_missing")):
         counts = [getattr(run, name) for run in runs]
         if hit := sum(count > 0 for count in counts):

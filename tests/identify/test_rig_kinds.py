@@ -13,7 +13,7 @@ from virtual_rig import reduce_runs
 
 from beltid.errors import InputError
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus
-from beltid.identify.friction.run import KnownCell, RigKind, drag_of, run_records
+from beltid.identify.friction.run import KnownCell, RigKind, idle_torque, run_records
 from beltid.stages.friction import reduction_columns
 
 Columns = dict[str, Any]
@@ -134,11 +134,10 @@ def test_drag_and_zero_of_the_torque_are_taken_off_by_an_idle_run(bench, by_torq
 
 
 def test_the_drag_is_that_of_the_nearest_idle_speed_and_none_at_rest():
-    drag = drag_of([idle_run(0.2, 0.0, 1.0), idle_run(0.1, 0.0, 0.5)])
-    assert drag is not None
-    found = drag.at(np.array([0.0, 0.25, 0.75, 2.0]))
-    assert found == pytest.approx([0.0, 0.1, 0.15, 0.2])
-    assert drag_of([]) is None
+    speeds = np.array([0.0, 0.25, 0.75, 2.0])
+    idle = [idle_run(0.2, 0.0, 1.0), idle_run(0.1, 0.0, 0.5)]
+    assert idle_torque(idle, speeds) == pytest.approx([0.0, 0.1, 0.15, 0.2])
+    assert idle_torque([], speeds) == pytest.approx(0.0)
 
 
 def test_a_torque_of_a_pulley_that_turns_backwards_counts_in_its_sense(bench, by_torque):

@@ -76,21 +76,6 @@ class KnownCell:
 PERFECT = (KnownCell(), KnownCell())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drag:
-    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor."""
-
-    speed_rad_s: Array  # speed and torque of the idle runs, sorted by speed, (k,)
-    torque_N_m: Array
-    at_rest_N_m: float  # reading of the sensor before the pulley turns [N m]
-
-    def at(self, speed_rad_s: Array) -> Array:
-        """Interpolate the torque to subtract [N m]; constant beyond the speeds of the idle runs."""
-        turns = speed_rad_s > TURNS * float(np.nanmax(speed_rad_s, initial=0.0))
-        drag = np.interp(speed_rad_s, self.speed_rad_s, self.torque_N_m)
-        return np.where(turns, drag, self.at_rest_N_m)
-
-
 @dataclass(frozen=True, slots=True)
 class RigKind:
     """What a friction rig measures."""
@@ -201,15 +186,20 @@ class RigKind:
 TWO_CELLS = RigKind()  # the rig of the paper
 
 
-def drag_of(idle: Sequence[Columns]) -> Drag | None:
-    """Compute the bearing drag from runs of the pulley without the belt; None without such runs."""
+def idle_torque(idle: Sequence[Columns], speed_rad_s: Array) -> Array:
+    """Return the torque of the pulley without a belt, by such runs, at its speeds [N m], (n,).
+
+    It is bearing friction, constant beyond the speeds of these runs, and the zero of the sensor;
+    where the pulley stands, what the sensor reads before it turns.
+    """
     runs = [run for run in map(in_direction, idle) if run[2].any()]
     if not runs:
-        return None
+        return np.zeros(speed_rad_s.size)
     found = sorted((np.median(v[turns]), np.mean(M[turns])) for M, v, turns in runs)
-    speeds, torques = np.array(found).T
     still = [M[np.isfinite(M) & (v <= TURNS * float(np.nanmax(v)))] for M, v, _ in runs]
-    return Drag(speeds, torques, float(np.mean([np.mean(M) for M in still if M.size] or 0.0)))
+    at_rest = np.mean([np.mean(M) for M in still if M.size] or 0.0)
+    turns = speed_rad_s > TURNS * float(np.nanmax(speed_rad_s, initial=0.0))
+    return np.where(turns, np.interp(speed_rad_s, *np.transpose(found)), at_rest)
 
 
 def in_direction(columns: Columns) -> tuple[Array, Array, Mask]:
@@ -248,7 +238,7 @@ class RunReduction:
     torque_with: Span | None = None  # span whose tension was measured in addition to a torque
     condition: str | None = None  # surface: dry, wet or dusty
     side: str | None = None  # side of the belt on the pulley: rib or back
-    drag_N_m: tuple[float, float] | None = None  # lowest and highest subtracted from the torque
+    drag_N_m: float = 0.0  # largest torque of the idle pulley that was subtracted
     initial_tension_N: float = NAN  # mean of both cells at the start of the rotation
     pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed
     slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7)
@@ -333,12 +323,11 @@ def run_records(
             idle.append(samples)
         else:
             runs.append((RunReduction(run=str(columns["run"][of_run[0]]), **words), samples))
-    drag = drag_of(idle)
-    return tuple(_record(run, samples, R, kind, drag) for run, samples in runs)
+    return tuple(_record(run, samples, R, kind, idle) for run, samples in runs)
 
 
 def _record(
-    run: RunReduction, columns: Columns, R: float, kind: RigKind, drag: Drag | None
+    run: RunReduction, columns: Columns, R: float, kind: RigKind, idle: Sequence[Columns]
 ) -> RunRecord:
     """Build the record of one run, its torque freed of drag and counted as the pulley turns."""
     run.arc_deg, T_0, W = (float(columns[name][0]) if name in columns else NAN for name in NOMINAL)
@@ -347,10 +336,9 @@ def _record(
     run.status = "; ".join(kind.lacks(columns))
     if kind.has_torque:
         torque, speed, _ = in_direction(columns)
-        if drag is not None:
-            run.drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-            torque = torque - drag.at(speed)
-        columns = {**columns, "torque_N_m": torque}
+        drag = idle_torque(idle, speed)
+        run.drag_N_m = float(np.nanmax(np.abs(drag)))
+        columns = {**columns, "torque_N_m": torque - drag}
     if kind.running:
         belt_speed = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
         # the momentum of the belt does not load the axis
