@@ -20,7 +20,7 @@ columns show is averaged over a few values (`choices`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -86,27 +86,63 @@ class Own:
         return np.asarray(self.covariance, dtype=float).reshape(groups, rows, rows)
 
 
-@dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the data tell, given the sizes; k counts the shared coefficients, term by term."""
+    """What the data tell of the coefficients h, (k,), term by term, and of the levels (R,).
 
-    sizes: dict[str, float]  # standard deviation s of every term that has one
-    mean: Array  # coefficients h, (k,), (k, k)
-    covariance: Array
-    log_evidence: float
-    """Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
-    coefficients and levels."""
-    level: Array
-    """Levels of the groups at the mean of the coefficients; variance by what is their own, (R,)."""
-    level_variance: Array
-    level_shift: Array  # change of the levels by errors of the coefficients, (R, k)
-    residual: Array
-    """Data without the shared columns, about their levels, which `P` takes out, (R, m)."""
-    misfit: Array  # e' P e of every group: a chi-square, given the sizes, (R,)
-    model: "Mixed"  # the model
-    P: Array  # projection of (M2), at a scale of one, (R, m, m)
-    level_weights: Array  # weights of the data in the level, (R, m)
-    converged: bool = True  # whether the search for the sizes ended
+    `theta` are the logarithms of the sizes.
+    """
+
+    def __init__(self, model: "Mixed", theta: Array, converged: bool = True) -> None:
+        self.converged = converged  # whether the search for the sizes ended
+        self.model, self.theta = model, np.maximum(theta, SMALLEST)
+        n_shared = theta.size - len(model.own)
+        variances, scale = np.exp(2.0 * self.theta[n_shared:]), model.scale
+        V = model.padding + np.tensordot(variances, model.parts, axes=1)
+        P, log_det = np.linalg.inv(V), np.linalg.slogdet(V)[1]
+        freedom = V.shape[1] - np.einsum("rii->r", model.padding)
+        weights = np.einsum("rij,rj->ri", P, model.one)
+        precision = np.sum(model.one * weights, axis=1)
+        has_level = precision > 0.0
+        precision = np.where(has_level, precision, 1.0)
+        self.level_weights = weights / precision[:, None]  # of the data in the level, (R, m)
+        # projection of (M2), at a scale of one, (R, m, m)
+        self.P = P = P - weights[:, :, None] * self.level_weights[:, None, :]
+        log_det, freedom = log_det + np.log(precision), freedom - has_level
+        PX = (P / scale[:, None, None]) @ model.X
+        M = np.tensordot(model.X, PX, axes=((0, 1), (0, 1)))
+        squares = np.einsum("ri,rij,rj->r", model.y, P, model.y) / scale
+        mean, C, moment, log_z, bent, outward = model.coefficients(
+            M, np.einsum("rij,ri->j", PX, model.y), self.theta[:n_shared]
+        )
+        self.mean, self.covariance = mean, C  # of the coefficients, (k,), (k, k)
+        # data without the shared columns, about their levels, which P takes out, (R, m)
+        self.residual = residual = model.y - model.X @ mean
+        Pe = np.einsum("rij,rj->ri", P, residual)
+        self.misfit = np.sum(residual * Pe, axis=1)  # a chi-square, given the sizes, (R,)
+        # levels at the mean of the coefficients, their variance by what is their own, and their
+        # change by errors of the coefficients, (R, k)
+        self.level = model.offset + np.einsum("ri,ri->r", self.level_weights, residual)
+        self.level_variance = scale / precision
+        self.level_shift = np.einsum("ri,rik->rk", self.level_weights, model.X)
+        away = model.tightness * (self.theta - model.mid)
+        likelihood = -0.5 * float(np.sum(squares + log_det + freedom * np.log(scale)))
+        # log marginal likelihood times the priors of the sizes, less a constant if h is flat; and
+        # its slope over ln s, (M2)
+        self.log_evidence = log_z + likelihood - 0.5 * float(away @ away)
+        spread = Pe[:, :, None] * (Pe / scale[:, None])[:, None, :]
+        spread += scale[:, None, None] * ((PX @ (C - bent)) @ PX.transpose(0, 2, 1))
+        lean = (PX @ outward)[:, :, None] * Pe[:, None, :]
+        spread += lean + lean.transpose(0, 2, 1)
+        self.slope = -model.tightness * away
+        self.slope[n_shared:] += variances * np.tensordot(model.parts, spread - P, axes=3)
+        for i, (place, unit, rank) in enumerate(model.sized):
+            of_prior = np.sum(unit * moment[place, place]) * np.exp(-2.0 * self.theta[i])
+            self.slope[i] += of_prior - rank
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Standard deviation s of every term that has one."""
+        return dict(zip(self.model.names, np.exp(self.theta).tolist(), strict=True))
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""
@@ -205,14 +241,14 @@ class Mixed:
         def cost(x: Array) -> tuple[float, Array]:
             theta[free] = x
             try:
-                posterior, slope = self._evaluate(theta)
+                posterior = Posterior(self, theta)
             except NumericsError:
                 if not costs:
                     raise
                 # a trial so far off that the covariance is singular: the search steps back
                 return max(costs) + UPHILL, np.zeros(x.size)
             costs.append(-posterior.log_evidence)
-            return costs[-1], -slope[free]
+            return costs[-1], -posterior.slope[free]
 
         # not of every size: a box that is closed all around lets the first step go anywhere
         lowest = self.mid - np.divide(FAR, self.tightness, out=np.zeros(free.size), where=free)
@@ -227,65 +263,17 @@ class Mixed:
             options={"maxiter": steps, "ftol": tolerance, "gtol": 1e-6},
         )
         theta[free] = found.x
-        return replace(self._evaluate(theta)[0], converged=bool(found.success))
+        return Posterior(self, theta, bool(found.success))
 
-    def at(self, sizes: Mapping[str, float]) -> Posterior:
+    def at(self, sizes: Mapping[str, float], converged: bool = True) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""
-        return self._evaluate(self._with(self.mid, sizes))[0]
+        return Posterior(self, self._with(self.mid, sizes), converged)
 
     def _with(self, theta: Array, sizes: Mapping[str, float]) -> Array:
         known = {name: float(np.log(size)) for name, size in sizes.items()}
         return np.array([known.pop(n, x) for n, x in zip(self.names, theta, strict=True)])
 
-    def _evaluate(self, theta: Array) -> tuple[Posterior, Array]:
-        """Return the posterior, and the slope of its log evidence over ln s."""
-        theta = np.maximum(theta, SMALLEST)
-        n_shared = theta.size - len(self.own)
-        variances, scale = np.exp(2.0 * theta[n_shared:]), self.scale
-        V = self.padding + np.tensordot(variances, self.parts, axes=1)
-        P, log_det = np.linalg.inv(V), np.linalg.slogdet(V)[1]
-        freedom = V.shape[1] - np.einsum("rii->r", self.padding)
-        weights = np.einsum("rij,rj->ri", P, self.one)
-        precision = np.sum(self.one * weights, axis=1)
-        has_level = precision > 0.0
-        precision = np.where(has_level, precision, 1.0)
-        P = P - weights[:, :, None] * (weights / precision[:, None])[:, None, :]
-        log_det, freedom = log_det + np.log(precision), freedom - has_level
-        PX = (P / scale[:, None, None]) @ self.X
-        M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
-        squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
-        mean, C, moment, log_z, bent, outward = self._coefficients(
-            M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
-        )
-        residual = self.y - self.X @ mean
-        Pe = np.einsum("rij,rj->ri", P, residual)
-        spread = Pe[:, :, None] * (Pe / scale[:, None])[:, None, :]
-        spread += scale[:, None, None] * ((PX @ (C - bent)) @ PX.transpose(0, 2, 1))
-        lean = (PX @ outward)[:, :, None] * Pe[:, None, :]
-        spread += lean + lean.transpose(0, 2, 1)
-        away = self.tightness * (theta - self.mid)
-        slope = -self.tightness * away
-        slope[n_shared:] += variances * np.tensordot(self.parts, spread - P, axes=3)
-        for i, (place, unit, rank) in enumerate(self.sized):
-            slope[i] += np.sum(unit * moment[place, place]) * np.exp(-2.0 * theta[i]) - rank
-        log_likelihood = -0.5 * float(np.sum(squares + log_det + freedom * np.log(scale)))
-        posterior = Posterior(
-            sizes=dict(zip(self.names, np.exp(theta).tolist(), strict=True)),
-            mean=mean,
-            covariance=C,
-            log_evidence=log_z + log_likelihood - 0.5 * float(away @ away),
-            level=self.offset + np.einsum("ri,ri->r", weights, residual) / precision,
-            level_variance=scale / precision,
-            level_shift=np.einsum("ri,rik->rk", weights, self.X) / precision[:, None],
-            residual=residual,
-            misfit=np.sum(residual * Pe, axis=1),
-            model=self,
-            P=P,
-            level_weights=weights / precision[:, None],
-        )
-        return posterior, slope
-
-    def _coefficients(
+    def coefficients(
         self, M: Array, b: Array, theta: Array
     ) -> tuple[Array, Array, Array, float, Array, Array]:
         """Average over the choices: mean and covariance of h, moment of q, log evidence."""

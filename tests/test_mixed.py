@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares, minimize_scalar
 
 from beltid.errors import NumericsError
-from beltid.mixed import Mixed, Own, Shared, Size, relinearised, root
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size, relinearised, root
 
 RNG = np.random.default_rng(3)
 R, M = 5, 7
@@ -88,10 +88,10 @@ def brute_force(theta):
 def test_evidence_and_its_slope_are_those_of_brute_force(theta: list[float]) -> None:
     model = Mixed(Y, *TERMS, ONE, SCALE)
     at = np.array([*theta, np.log(0.2)])
-    posterior, slope = model._evaluate(at)
+    posterior = Posterior(model, at)
     assert posterior.log_evidence == pytest.approx(brute_force(at[:3]), rel=1e-10)
     exact = [brute_force(at[:3] + 1e-30j * np.eye(3)[i]).imag / 1e-30 for i in range(3)]
-    np.testing.assert_allclose(slope[:3], exact, rtol=1e-8)
+    np.testing.assert_allclose(posterior.slope[:3], exact, rtol=1e-8)
 
 
 def test_the_sizes_found_are_the_largest_density_and_obey_a_limit() -> None:
@@ -113,17 +113,17 @@ def test_sizes_far_off_that_have_no_covariance_are_stepped_back(
     y = np.random.default_rng(3).normal(scale=0.2, size=40) + x
     line = [Shared("line", np.column_stack([np.ones(40), x]))]
     model = Mixed(y, line, [Own("noise", Size(1.0, 2.0), diagonal=np.ones(40))])
-    expected, evaluate = model.fit().sizes["noise"], Mixed._evaluate
+    expected = model.fit().sizes["noise"]
 
-    def second_fails(model: Mixed, theta: np.ndarray) -> tuple:
+    def second_fails(model: Mixed, theta: np.ndarray, *ended: bool) -> Posterior:
         tried.append(float(theta[0]))
         if len(tried) == 2:
             raise NumericsError("singular")
-        return evaluate(model, theta)
+        return Posterior(model, theta, *ended)
 
-    monkeypatch.setattr(Mixed, "_evaluate", second_fails)
+    monkeypatch.setattr("beltid.mixed.Posterior", second_fails)
     assert model.fit().sizes["noise"] == pytest.approx(expected, rel=1e-4)
-    monkeypatch.setattr(Mixed, "_evaluate", evaluate)
+    monkeypatch.undo()
     with pytest.raises(NumericsError, match="flat"):  # but not where it starts
         Mixed(y, [Shared("twice", np.ones((40, 2)))], model.own).fit()
 
@@ -164,9 +164,9 @@ def test_the_slope_of_the_evidence_holds_with_positive_coefficients() -> None:
     y, terms = X**2 @ [3.0, 0.2] + 0.5 * Y, [positive, Shared("u", U, Size(0.3, 1.0))]
     model = Mixed(y, terms, [Own("noise", Size(0.6, 0.8), diagonal=SD)], ONE, SCALE)
     theta, steps = np.array([0.3, -0.8, -0.6]), 1e-4 * np.eye(3)
-    evidence = [[model._evaluate(theta + s * d)[0].log_evidence for d in steps] for s in (1, -1)]
+    evidence = [[Posterior(model, theta + s * d).log_evidence for d in steps] for s in (1, -1)]
     differences = np.subtract(*evidence) / 2e-4
-    np.testing.assert_allclose(model._evaluate(theta)[1], differences, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(Posterior(model, theta).slope, differences, rtol=1e-5, atol=1e-6)
 
 
 def test_padding_tells_nothing() -> None:

@@ -254,7 +254,7 @@ class Problem:
             if chosen:
                 posterior = runs.choose(sizes)
             else:
-                posterior = replace(runs.model().at(sizes), converged=posterior.converged)
+                posterior = runs.model().at(sizes, posterior.converged)
             sizes = posterior.sizes
             residual = posterior.residual[:, 0] / np.sqrt(self.weight * runs.variance(sizes))
             share, change, gain = self._descend(runs, posterior)

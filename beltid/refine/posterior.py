@@ -188,7 +188,7 @@ class LinearRuns:
         found = self._best(start)
         sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}
         sizes |= {effect.key: _usual_size(found, effect) for effect in self.effects}
-        return replace(self.model().at(sizes), converged=found.converged)
+        return self.model().at(sizes, found.converged)
 
     def _best(self, start: Sizes) -> Posterior:
         """Fit from a start or, without one, from the medians and from each effect large in turn."""

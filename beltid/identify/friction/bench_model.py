@@ -24,7 +24,6 @@ why they are as they are: docs/theory.md.
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -278,7 +277,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     bench.powers, bench.A, bench.scale = some.powers, some.A, np.ones(len(records))
     for _ in range(2):
         bench.update(sizes)
-    bench.posterior = replace(bench.model().at(sizes), converged=converged)
+    bench.posterior = bench.model().at(sizes, converged)
     return bench
 
 
