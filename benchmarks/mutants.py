@@ -10,8 +10,8 @@ in a copy of the project. A trial runs only the tests that reach the changed lin
 first, as many as fit into `--test-seconds` (so the score is a lower bound), and ends at the first
 failure; it is a fork of a process that has imported the libraries already. Changes to what runs at
 import (constants, defaults) are held against the tests that run any function of the module or of
-one that imports from it. Compiled kernels hide from tracing, and a compiler takes seconds: the
-rooms that have kernels are tried as plain Python, without the tests that then take too long.
+one that imports from it. Compiled kernels hide from tracing: in the rooms that have them a trial
+compiles them anew and runs the tests of the room, the fastest first.
 mutmut does the same for whole packages, but it runs modules from rewritten copies whose functions
 the compiler of the kernels cannot compile; so this is its small stand-in.
 """
@@ -68,6 +68,8 @@ ROOMS = {
 }
 KERNELS = ("rig", "drive")
 """Rooms with compiled functions."""
+COMPILE_S = 90
+"""Most processor time to compile the kernels of a trial."""
 LONGEST_S = 3600.0
 TIMED = ("_take_less_than_", "_seconds")
 """Tests of speed: a busy machine, not a fault, would fail them."""
@@ -92,7 +94,10 @@ MEMORY_BYTES = 8 * 2**30
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Processor seconds of each test that passes; tests that run a line of a file (0: any)."""
+    """Processor seconds of each test that passes; tests that run a line of a file (0: any).
+
+    Without lines, those of compiled functions, every test may reach everything.
+    """
 
     seconds: dict[str, float]
     tests: dict[tuple[str, int], set[str]]
@@ -100,7 +105,8 @@ class Reach:
     def of(self, path: Path, lines: Iterable[int]) -> list[str]:
         """Tests that reach one of these lines, the fastest first."""
         found = {t for n in lines for t in self.tests.get((str(path), n), ())}
-        return sorted(found & self.seconds.keys(), key=self.seconds.__getitem__)
+        tests = found & self.seconds.keys() if self.tests else self.seconds
+        return sorted(tests, key=self.seconds.__getitem__)
 
     def of_import(self, path: Path) -> list[str]:
         """Tests that run a function of a module, or of one that imports from it by name."""
@@ -117,10 +123,9 @@ class Reach:
 class _Tracer:
     """A plugin of pytest: how long each test takes and, where it is traced, the lines it runs."""
 
-    def __init__(self, measured: coverage.Coverage | None, slowest: float) -> None:
-        self.seconds, self.failed, self.slowest = dict[str, float](), set[str](), slowest
+    def __init__(self, measured: coverage.Coverage | None) -> None:
+        self.seconds, self.failed = dict[str, float](), set[str]()
         self.switch = measured.switch_context if measured else str
-        self.slow = set[str]()
         self.cached: list[Any] = []
 
     def pytest_collection_finish(self) -> None:
@@ -134,19 +139,10 @@ class _Tracer:
             one.cache_clear()
         self.switch(item.nodeid)
         begin = sum(os.times()[:4])
-        signal.setitimer(signal.ITIMER_PROF, self.slowest)
         try:
             return (yield)
         finally:
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
             self.seconds[item.nodeid] = sum(os.times()[:4]) - begin
-            if self.slowest and self.seconds[item.nodeid] >= self.slowest:
-                self.slow.add(item.nodeid.split("[")[0])
-
-    def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        """The other cases of a test that is too slow are left out without a try."""
-        if item.nodeid.split("[")[0] in self.slow:
-            pytest.skip()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any, request: Any) -> Iterator[None]:
@@ -174,27 +170,26 @@ class _Chosen:
         items.sort(key=lambda i: self.place[i.nodeid])
 
 
-def trace(
-    files: list[str], known: list[str], left_out: tuple[str, ...], slowest: float, result: Path
-) -> bool:
-    """Run tests and write their `Reach`, without those that fail or take longer than `slowest`.
+def trace(files: list[str], known: list[str], lines: bool, result: Path) -> bool:
+    """Run tests and write their `Reach`, without those that fail.
 
-    With no `known` ones all tests of the files run, untraced; else the known ones, fastest first.
+    With no `known` ones all tests of the files run; else the known ones, fastest first, and, if
+    `lines` are asked for, traced.
     """
     _repeatable()
-    signal.signal(signal.SIGPROF, _too_slow)
+    lines = lines and bool(known)
     measured = coverage.Coverage(data_file=None, source=["beltid"], config_file=False)
-    tracer = _Tracer(measured if known else None, slowest)
-    if known:
+    tracer = _Tracer(measured if lines else None)
+    if lines:
         measured.start()
     pytest.main([*OPTIONS, *files], plugins=[tracer, *([_Chosen(known)] if known else [])])
     seconds = {
         test: spent
         for test, spent in sorted(tracer.seconds.items(), key=lambda item: item[1])
-        if test not in tracer.failed and not any(name in test for name in left_out)
+        if test not in tracer.failed and not any(name in test for name in TIMED)
     }
     reached = dict[tuple[str, int], set[str]]()
-    if known:
+    if lines:
         measured.stop()
         data = measured.get_data()
         for file in data.measured_files():
@@ -207,16 +202,6 @@ def trace(
                     reached.setdefault((path, 0), set()).update(tests)
     result.write_bytes(pickle.dumps((seconds, reached)))
     return bool(seconds)
-
-
-def _too_slow(*_: Any) -> None:
-    raise TimeoutError
-
-
-def compiled(kernels: bool) -> None:
-    """Whether kernels are compiled, here and in processes that start, or are plain Python."""
-    os.environ["NUMBA_DISABLE_JIT"] = str(int(not kernels))
-    numba.config.reload_config()
 
 
 def trial(tests: list[str], limit_s: int) -> bool:
@@ -274,8 +259,12 @@ def outcome(tried: Mutant, reach: Reach, test_seconds: float) -> str:
     tests = tests[: max(bisect_right(spent, test_seconds), 1)]
     original, times = tried.path.read_bytes(), tried.path.stat()
     tried.path.write_text(tried.text, "utf-8")
+    if not reach.tests:
+        for kernel in Path("beltid").rglob("*.nb[ic]"):
+            kernel.unlink()
+    limit_s = 15 + round(4.0 * spent[len(tests) - 1]) + COMPILE_S * (not reach.tests)
     try:
-        end = forked(lambda: trial(tests, 15 + round(4.0 * spent[len(tests) - 1])))
+        end = forked(lambda: trial(tests, limit_s))
     finally:
         tried.path.write_bytes(original)
         os.utime(tried.path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -283,11 +272,11 @@ def outcome(tried: Mutant, reach: Reach, test_seconds: float) -> str:
 
 
 @functools.cache
-def traced(tests: tuple[str, ...], slowest: float) -> Reach:
+def traced(tests: tuple[str, ...], lines: bool) -> Reach:
     """What the tests reach: of those that pass, run once to compile and once to be traced."""
     result, reach = Path("reach.pickle"), Reach({}, {})
     for _ in range(2):
-        work = functools.partial(trace, [*tests], list(reach.seconds), TIMED, slowest, result)
+        work = functools.partial(trace, [*tests], list(reach.seconds), lines, result)
         if forked(work) != "passed":
             sys.exit(f"{tests}: they cannot be traced")
         reach = Reach(*pickle.loads(result.read_bytes()))
@@ -299,9 +288,8 @@ def try_room(
 ) -> tuple[str, str, str, str]:
     """Trace the tests of a room, try a sample of its mutants; a row of the table."""
     begin = time.monotonic()
-    slowest = asked.test_seconds if room in KERNELS else 0.0
     files = tuple(str(p) for pattern in tests.split() for p in sorted(Path().glob(pattern)))
-    reach = traced(files, slowest)
+    reach = traced(files, room not in KERNELS)
     spent = time.monotonic() - begin
     print(f"{room}: {len(reach.seconds)} tests, traced in {spent:.0f} s", flush=True)
     modules = [p for pattern in sources.split() for p in sorted(Path().glob(pattern))]
@@ -347,7 +335,8 @@ def main() -> None:
             for stated in asked.rooms:
                 room, *places = stated.split(":")
                 sources, tests = places or ROOMS[room].split(":")
-                compiled(room not in KERNELS)
+                os.environ["NUMBA_DISABLE_JIT"] = str(int(room not in KERNELS))
+                numba.config.reload_config()
                 rows.append(try_room(room, sources, tests, asked))
     if asked.beside:
         theirs = dict(re.findall(r"(?m)^(\w+): (\d+ of \d+) tried seen", asked.beside.read_text()))
