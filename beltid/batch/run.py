@@ -37,7 +37,7 @@ from beltid.report.summary import Summary
 from beltid.report.view import summary_of
 from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, checked, lacking
-from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write
+from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page
 from beltid.stages.steps import STAGES
 from beltid.stages.workers import Cluster, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
@@ -243,7 +243,7 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
         try:
             state = UP_TO_DATE
             if mark := mark_to_write([shown], out, force=force):
-                page = stages.report_belt.write_page([shown], out, mark)
+                page = write_page([shown], out, mark)
                 state, belt.new = DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
                 _say(logging.INFO, REPORT, [page.verdict])
@@ -432,7 +432,7 @@ def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
     on_page = sorted(pages, key=lambda shown: shown.folder)
     try:
         if mark := mark_to_write(on_page, page, force=force):
-            stages.report_belt.write_page(on_page, page, mark)
+            write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
         next(belt for belt in reversed(belts) if belt.page).failed(REPORT, error)
