@@ -23,8 +23,8 @@ from beltid.store import disk
 from beltid.store.artifact import (
     RECORDINGS,
     Artifact,
-    Origin,
     Record,
+    Said,
     artifact_from_bytes,
     combined_origin,
     kind_in,
@@ -49,21 +49,12 @@ SUFFIX = ".parquet"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome(Generic[Result]):
+class Outcome(Said, Generic[Result]):
     """Result of a stage: a table, single results, further tables, and what the user should know."""
 
     columns: dict[str, np.ndarray]  #: the table; nan or None where a value is missing
     result: Result  #: the scientific result with all its properties
-    facts: Mapping[str, Any] = field(default_factory=dict)  #: single results; unit in the name
-    tables: Mapping[str, Any] = field(default_factory=dict)  #: further tables: lists of rows
-    validity: Mapping[str, Any] = field(default_factory=dict)  #: ranges within which it holds
-    set_aside: list[dict[str, Any]] = field(default_factory=list)  #: runs or points, and why
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    verdict: str = ""
-    passed: bool | None = None  #: whether what was judged is within tolerance
-    kind: str = ""  #: kind of the table
-    origin: Origin | None = None  #: of the data, "measured" or "synthetic"; None if not stated
+    kind: str = field(default="", kw_only=True)  #: of the table
 
     def to_frame(self) -> pd.DataFrame:
         """Return the table as a pandas DataFrame, whose ``attrs`` are the facts about a rig."""
@@ -107,7 +98,7 @@ class Outcome(Generic[Result]):
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")
         return figures[name]
 
-    def save(self, path: str | Path, *, origin: Origin | None = None, force: bool = False) -> Path:
+    def save(self, path: str | Path, *, origin: str | None = None, force: bool = False) -> Path:
         """Write the table as an artifact (.parquet) that every command reads.
 
         Parameters

@@ -1,4 +1,7 @@
-"""All belts of a batch: their configs, their chains, their reports, and what would be done."""
+"""The chain of a belt: the method as a table of steps; and all belts of a batch, one by one or not.
+
+What became of each step of a belt is its `Belt`; a batch has a row for each belt.
+"""
 
 import contextlib
 import logging
@@ -6,39 +9,47 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
 from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import Any
 
 from beltid import stages
-from beltid._version import __version__
-from beltid.batch.chain import (
-    DONE,
-    FAILED,
-    OUT_OF_TOLERANCE,
-    REPORT,
-    TO_BE_MADE,
-    UP_TO_DATE,
-    WRONG,
-    Belt,
-    add_page,
-    look_at_belt,
-    run_belt,
-)
-from beltid.config import ConfigSource
+from beltid.config import Config, ConfigSource
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
-from beltid.notes import log, python_warnings
+from beltid.errors import (
+    EXIT_BATCH_FAILED,
+    EXIT_BUG,
+    EXIT_DONE,
+    EXIT_OUT_OF_TOLERANCE,
+    BeltidError,
+    ConfigError,
+    InputError,
+    TooFewSettings,
+)
+from beltid.notes import log, prefixed, python_warnings
 from beltid.report.summary import Summary
-from beltid.stages.about import checked
-from beltid.stages.page_mark import NAME, mark_to_write
-from beltid.stages.workers import Result, Workers, available_cores, threads
+from beltid.report.view import summary_of
+from beltid.stage import Stage
+from beltid.stages.about import WITHOUT, checked, lacking
+from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page
+from beltid.stages.steps import STAGES
+from beltid.stages.workers import Cluster, Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
-from beltid.store.disk import source_sha256
 
+DONE = "done"
+UP_TO_DATE = "up to date"
+TO_BE_MADE = "to be made"
+FAILED = "failed"
+WRONG = "cannot be made"
+NO_RECORDING = "no recording"
+OUT_OF_TOLERANCE = "out of tolerance"
+REPORT = "report"
 SPAWN = multiprocessing.get_context("spawn")  # nothing is left in a temporary folder
 LAST_NOTES_S = 5.0
 AT_ONCE = 8  # belts whose files are read and written at the same time if a cluster computes
@@ -53,7 +64,197 @@ COLUMNS = (
     ("predicted_rms_percent", "cross-validate", "rms_percent"),
 )
 """Columns of the table: name, step, fact; those of a comparison are over all its runs."""
-CONNECT_WITHIN_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the chain: its stage, with a suffix if the chain has it twice, and its file.
+
+    `needs` says for each parameter of the stage which recording, or file of an earlier step, it is;
+    `section`, which section of the config must be stated ("": none).
+    """
+
+    name: str
+    makes: str
+    needs: Mapping[str, str]
+    section: str = ""
+
+    @property
+    def stage(self) -> Stage:
+        """The stage."""
+        return STAGES[self.name.partition(" ")[0]]
+
+    def inputs(self, files: Mapping[str, Path]) -> dict[str, Path]:
+        """Return its inputs by parameter."""
+        return {role: files[name] for role, name in self.needs.items()}
+
+
+PRESS, STIFFNESS, FRICTION = {"frame": "press"}, {"law": "stiffness"}, {"friction": "friction"}
+PUBLISHED, REFINED = {"surface": "surface"}, {"surface": "surface_refined"}
+CHAIN = (
+    Step("fit-stiffness", "stiffness", PRESS),
+    Step("fit-slip", "slip", {"frame": "speedloss"}),
+    Step("fit-friction", "friction", {"frame": "rig"}),
+    Step("build-surface", "surface", FRICTION),
+    Step("refine-surface", "surface_refined", FRICTION | STIFFNESS),
+    Step("simulate-rig", "simulated", PUBLISHED | STIFFNESS | FRICTION),
+    Step("compare", "compare", FRICTION | {"simulated": "simulated"}),
+    Step("simulate-rig refined", "simulated_refined", REFINED | STIFFNESS | FRICTION),
+    Step("compare refined", "compare_refined", FRICTION | {"simulated": "simulated_refined"}),
+    Step("cross-validate", "crossvalidation", FRICTION | STIFFNESS),
+    Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, "drive"),
+    Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, "drive"),
+)
+"""The published procedure and the refined surface, both compared with the bench; prediction of runs
+left out; and the drive of the speed-loss recording, if the config states one."""
+
+OF_RUNNING_BELT = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
+"""Steps that need no simulated rig; a running belt has none."""
+
+
+@dataclass(slots=True)
+class Belt:
+    """What became of the chain of a belt; its steps by name, in the order of the chain."""
+
+    name: str
+    states: dict[str, str] = field(default_factory=dict)
+    lacking: tuple[str, ...] = ()  # recordings that the chain can use but the config does not name
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # of the steps with a result
+    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)  # of the steps
+    origins: list[str | None] = field(default_factory=list)
+    made: list[str] = field(default_factory=list)  # files that exist, recordings among them
+    new: bool = False  # whether anything was computed
+    page: OnPage | None = None  # what its report shows, if there is one
+
+    def failed(self, name: str, error: Exception) -> None:
+        """Record and log that a step failed; a bug, with its traceback, costs only this step."""
+        problems = getattr(error, "problems", (f"{type(error).__name__}: {error}",))
+        if not isinstance(error, BeltidError):
+            log.error("%s", "".join(traceback.format_exception(error)).rstrip())
+        self.states[name] = FAILED
+        self.troubles[name] = (getattr(error, "exit_status", EXIT_BUG), problems)
+        _say(logging.ERROR, name, problems)
+
+    def has(self, name: str, said: Summary, spent_s: float) -> None:
+        """Record and log what a step has made, or found up to date."""
+        state, self.facts[name] = UP_TO_DATE if said.up_to_date else DONE, said.facts
+        if said.exit_status:
+            state = OUT_OF_TOLERANCE if said.exit_status == EXIT_OUT_OF_TOLERANCE else FAILED
+            self.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
+        self.states[name] = state
+        self.origins.append(said.origin)
+        self.new |= not said.up_to_date
+        log.info("%s: %s%s", name, state, "" if said.up_to_date else f", {spent_s:.1f} s")
+        _say(logging.DEBUG, name, said.notes)
+        _say(logging.WARNING, name, said.warnings)
+        _say(logging.INFO, name, [said.verdict])
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the first step that failed; a refined comparison overrides the other."""
+        for name, (status, _) in self.troubles.items():
+            by = self.states.get("compare refined") if name == "compare" else None  # the result
+            if self.states[name] != OUT_OF_TOLERANCE or by not in (DONE, UP_TO_DATE):
+                return status
+        return EXIT_DONE
+
+
+def chain_of(config: Config) -> Iterator[tuple[Step, str]]:
+    """Yield the steps of a chain, each with its state before the first: some lack a recording."""
+    available, stated = set(config.data.files), {"", *config.model_fields_set}
+    for step in CHAIN:
+        if step.name == "cross-validate" and config.cross_validate.by == "none":
+            continue
+        if step.section in stated and available.issuperset(step.needs.values()):
+            available.add(step.makes)
+            yield step, "not run"
+        elif step.section in stated:
+            yield step, NO_RECORDING
+
+
+def look_at_belt(
+    source: ConfigSource, folder: Path, *, force: bool = False
+) -> Iterator[tuple[str, Path, str, BeltidError | None]]:
+    """Yield each step's name, file, state and error, if the chain began now; compute nothing."""
+    files, stale = dict(source.config.data.files), set[str]()
+    for step, state in chain_of(source.config):
+        out, needs, error = folder / f"{step.makes}.parquet", set(step.needs.values()), None
+        if needs <= files.keys():
+            state = TO_BE_MADE
+            if not force and stale.isdisjoint(needs):
+                try:
+                    if step.stage.look(source, step.inputs(files), out)[-1] is not None:
+                        state = UP_TO_DATE
+                except BeltidError as found:
+                    state, error = WRONG, found
+            if state != WRONG:
+                files[step.makes] = out
+            if state == TO_BE_MADE:
+                stale.add(step.makes)
+        yield step.name, out, state, error
+
+
+def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: bool = False) -> Belt:
+    """Run the chain of a belt; a step that fails does not stop those that do not need it."""
+    belt, files = Belt(source.name), dict(source.config.data.files)
+    belt.lacking = tuple(lacking(source.config))
+    with prefixed(f"{source.name}: "):
+        synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
+        log.info("config %s%s, results in %s", source.origin, synthetic, folder)
+        for kind in belt.lacking:
+            log.warning(WITHOUT[kind])
+        for step, belt.states[step.name] in chain_of(source.config):
+            is_running = "rig_running" in belt.facts.get("fit-friction", {})
+            if is_running and step.name not in OF_RUNNING_BELT:
+                belt.states[step.name] = "not simulated"
+            elif files.keys() >= set(step.needs.values()):
+                out, start = folder / f"{step.makes}.parquet", time.monotonic()
+                try:
+                    made, kept = step.stage.run(
+                        source, step.inputs(files), out, force=force, workers=workers
+                    )
+                    belt.has(step.name, summary_of(made, up_to_date=kept), time.monotonic() - start)
+                    files[step.makes] = out
+                except TooFewSettings as error:
+                    belt.states[step.name] = "too few settings"
+                    _say(logging.WARNING, step.name, error.problems)
+                except Exception as error:
+                    belt.failed(step.name, error)
+        if "not simulated" in belt.states.values():
+            log.info(stages.rig.NOT_SIMULATED)
+    belt.made = sorted(files)
+    return belt
+
+
+def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = False) -> None:
+    """Write the report of a belt that has results; not to be called from several threads."""
+    if not belt.facts:
+        return
+    failures = tuple(
+        f"{name} failed (exit status {status}): {problems[0]}"
+        for name, (status, problems) in belt.troubles.items()
+        if belt.states[name] == FAILED
+    )
+    shown, out = OnPage(folder, belt.made, failures), folder / NAME
+    with prefixed(f"{source.name}: "):
+        keep_curves(source, folder, force=force)
+        try:
+            state = UP_TO_DATE
+            if mark := mark_to_write([shown], out, force=force):
+                page = write_page([shown], out, mark)
+                state, belt.new = DONE, True
+                _say(logging.WARNING, REPORT, page.warnings)
+                _say(logging.INFO, REPORT, [page.verdict])
+        except Exception as error:  # matplotlib may have no folder to write to
+            belt.failed(REPORT, BeltidError(f"{error}") if isinstance(error, OSError) else error)
+            return
+        belt.states[REPORT], belt.page = state, shown
+        log.info("%s: %s, %s", REPORT, state, out)
+
+
+def _say(level: int, name: str, lines: Sequence[str]) -> None:
+    for line in filter(None, lines):
+        log.log(level, "%s: %s", name, line)
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
@@ -229,7 +430,7 @@ def _compare_on_page(belts: Sequence[Belt], folder: Path, force: bool) -> None:
     on_page = sorted(pages, key=lambda shown: shown.folder)
     try:
         if mark := mark_to_write(on_page, page, force=force):
-            stages.report_belt.write_page(on_page, page, mark)
+            write_page(on_page, page, mark)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
         next(belt for belt in reversed(belts) if belt.page).failed(REPORT, error)
@@ -316,61 +517,3 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, *, force: bool = F
         warnings=tuple(warnings),
         exit_status=status,
     )
-
-
-class Cluster(Workers):
-    """Workers of a Dask cluster at an address such as ``tcp://host:8786``, which keeps running.
-
-    Calls are sent as plain data: the workers need beltid with the same sources, but neither the
-    recordings nor the results folder. The caller writes all files. If a worker is lost, Dask
-    repeats its calls on another one.
-    """
-
-    def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client
-            from distributed.comm import get_address_host_port
-        except ImportError:
-            raise InputError(
-                "--scheduler needs the package distributed: pip install 'beltid[cluster]'"
-            ) from None
-        # its log would mix with our notes; what matters is raised as an error
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        self.about = f"cluster {address}"
-        try:
-            get_address_host_port(address)  # a client of a malformed one ends with a traceback
-            self._client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
-            self._client.wait_for_workers(1, timeout=CONNECT_WITHIN_S)
-        except Exception as error:  # malformed addresses, network errors, no workers
-            reason = " ".join(str(error).split())[:160] or type(error).__name__
-            raise InputError(f"{self.about}: no workers can be reached: {reason}") from None
-        refuse_others(self._client, self.about)
-        super().__init__(self._client.get_executor(pure=False))
-
-    def as_ended(
-        self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield the results of many calls in order of completion, each with its index."""
-        from distributed import KilledWorker
-
-        try:
-            yield from super().as_ended(function, calls)
-        except (KilledWorker, CancelledError, OSError) as error:
-            raise BeltidError(
-                f"{self.about}: the connection was lost, or workers died ({error}); run again to "
-                "continue with what is not finished"
-            ) from None
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._client.close(timeout=1.0)
-
-
-def refuse_others(client: Any, cluster: str) -> None:
-    """Refuse workers without beltid, or with other sources, which could give other results."""
-    hashes = client.run(source_sha256, on_error="return")
-    if others := [worker for worker, found in hashes.items() if found != source_sha256()]:
-        raise InputError(
-            f"{cluster}: {len(others)} of {len(hashes)} workers have no beltid or another one, "
-            f"such as {others[0]}; install beltid {__version__} there as on this computer"
-        )

@@ -218,8 +218,15 @@ def export(
     beltid export exudyn runs/5pk --normal-force 5000 --speed 0.02
     beltid export all runs/5pk -o laws/5pk
     """
-    asked = target, source, common.config, common.out, surface, (normal_force, speed)
-    return stages.export_law.run(*asked, force=common.force)
+    return stages.export_law.run(
+        target,
+        source,
+        common.config,
+        common.out,
+        surface,
+        (normal_force, speed),
+        force=common.force,
+    )
 
 
 config_app = plain_typer(

@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -36,7 +36,7 @@ LINE_EVERY_S = {True: 0.2, False: 10.0}  # of progress: on a terminal, in a log
 WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 CLEAR_LINE = "\r\x1b[2K"  # terminal codes that clear the line of progress
 
-_kept: list[str] = []
+_kept: list[str] = []  # what an interrupt leaves
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,10 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
     `kept` says what an interrupt leaves; None: the command writes no file.
     """
     start = time.monotonic()
+    _kept[:] = [kept or NOTHING]
     with heard_by(Terminal(quiet=common.quiet, verbose=common.verbose)):
         try:
-            with if_stopped(kept or NOTHING), python_warnings():
+            with python_warnings():
                 if kept is None:
                     refuse_out(common)
                 made = work()
@@ -200,18 +201,8 @@ def hear_signals() -> None:
             signal.signal(number, _leave)
 
 
-@contextlib.contextmanager
-def if_stopped(kept: str) -> Iterator[None]:
-    """Set the message about the results for a stop signal that comes inside."""
-    _kept.append(kept)
-    try:
-        yield
-    finally:
-        _kept.pop()
-
-
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
-    line = "; ".join([WORDS[signal.Signals(number).name], *_kept[-1:]])
+    line = "; ".join([WORDS[signal.Signals(number).name], *_kept])
     text = f"{CLEAR_LINE * os.isatty(2)}error: {printable(line)}\n"
     with contextlib.suppress(OSError):
         os.write(2, text.encode(getattr(sys.stderr, "encoding", None) or "utf-8", "replace"))

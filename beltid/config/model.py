@@ -330,8 +330,13 @@ def _value(column: Column) -> checks.Check:
 
     if column.dtype == "string":
         return choice if column.choices else checks.text
-    unit = SYMBOLS.get(column.unit, column.unit)
-    return checks.Number(column.low, column.high, unit, column.open_low, column.open_high)
+    return checks.Number(
+        column.low,
+        column.high,
+        SYMBOLS.get(column.unit, column.unit),
+        column.open_low,
+        column.open_high,
+    )
 
 
 def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks.Keys]:

@@ -11,7 +11,7 @@
 ``plan``      the next runs of the rig
 
 Other commands: ``inspect_file`` (and a config for a new belt), ``about`` (versions, values of a
-config, any artifact), ``report_belt`` (``page_mark``: whether a page is in date), ``export_law``.
+config, any artifact), ``report_belt``, ``export_law``.
 ``inputs`` are laws, surfaces and runs from files or memory; ``workers`` do the heavy calls.
 """
 

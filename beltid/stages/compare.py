@@ -9,7 +9,8 @@ surface of the others, whose uncertainty becomes that of the prediction, as in `
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -144,16 +145,6 @@ def agreement(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Predicted:
-    """The predicted runs of one fold."""
-
-    fold: Fold
-    part: RunsUncertainty  # the predicted coefficients and their uncertainty by source
-    beyond: int  # number of predicted runs whose mean force no other run reached
-    warnings: tuple[str, ...] = ()
-
-
 def predicted_runs(
     friction: Any, law: Any, config: Config, by: str, workers: Workers
 ) -> Outcome[AgreementResult]:
@@ -163,12 +154,13 @@ def predicted_runs(
     press = press_law(law, config)
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     left_out = folds(columns, usable, by)
-    predicted = workers.run(predict, [(columns, press, config, fold) for fold in left_out])
+    calls = [(columns, press, config, fold) for fold in left_out]
+    parts, beyond, warnings = zip(*workers.run(predict, calls), strict=True)
     rows = np.concatenate([fold.left_out for fold in left_out])
     measured = {name: values[rows] for name, values in columns.items()}
     # both sides are of one bench and have the same settings: its errors are none of the difference,
     # unlike effects and an interpolation, which the predicted runs have for themselves
-    uncertainty = RunsUncertainty.joined([fold.part for fold in predicted], measured["run"])
+    uncertainty = RunsUncertainty.joined(parts, measured["run"])
     simulated = {**{name: measured[name] for name in SETTINGS}, "mu_sliding": uncertainty.mu}
     outcome = agreement(measured, simulated, config, uncertainty)
     groups, notes = [*outcome.tables["groups"]], [*outcome.notes]
@@ -178,26 +170,30 @@ def predicted_runs(
             of_fold = slice(end - fold.left_out.size, end)
             difference = found["relative_difference"][of_fold]
             groups.append(statistics(fold.name, difference, found["normal_force_N_m"][of_fold]))
-    elif not all(any(s.error == ARC for s in p.part.sources) for p in predicted):
+    elif not all(any(source.error == ARC for source in part.sources) for part in parts):
         notes.insert(
             0, "a single arc was left: the uncertainty does not include how much arcs differ"
         )
-    if beyond := sum(prediction.beyond for prediction in predicted):
-        notes.insert(
-            0,
-            f"nearest value used: {beyond} of {rows.size} runs have a mean force that no other has",
-        )
+    if any(beyond):
+        of_all = f"{sum(beyond)} of {rows.size} runs"
+        notes.insert(0, f"nearest value used: {of_all} have a mean force that no other has")
     return replace(
         outcome,
         facts={"hold_out": by, **outcome.facts},
         tables={**outcome.tables, "groups": groups},
         notes=tuple(notes),
-        warnings=(*outcome.warnings, *(line for p in predicted for line in p.warnings)),
+        warnings=(*outcome.warnings, *chain(*warnings)),
     )
 
 
-def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Predicted:
-    """Refine the surface from the remaining runs and simulate the runs left out."""
+def predict(
+    columns: Columns, press: PressLaw, config: Config, fold: Fold
+) -> tuple[RunsUncertainty, int, list[str]]:
+    """Refine the surface from the remaining runs and simulate the runs left out.
+
+    Returns their coefficients with the uncertainty by source, the number of those whose mean force
+    no other run reached, and warnings.
+    """
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, {})
     rig, rest = campaign.bench.rig, campaign.measured
@@ -233,8 +229,7 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
         )
     force, left_out = rest.normal_force, columns["normal_force_N_m"][fold.left_out]
     beyond = np.count_nonzero((left_out < force.min()) | (left_out > force.max()))
-    warnings = tuple(f"without {fold.name}: {line}" for line in solution.warnings)
-    return Predicted(fold, part, int(beyond), warnings)
+    return part, int(beyond), [f"without {fold.name}: {line}" for line in solution.warnings]
 
 
 def compared_losses(slip: Any, drive: Any, config: Config) -> Outcome[dict[str, Any]]:

@@ -20,6 +20,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
 from beltid.report.results import series_of
+from beltid.report.summary import Rows
 from beltid.stage import Outcome
 from beltid.stages.inputs import (
     Columns,
@@ -28,7 +29,6 @@ from beltid.stages.inputs import (
     span,
     standard_uncertainties,
     surface_from,
-    that_hold,
 )
 from beltid.uncertainty.drive import DriveUncertainty, drive_uncertainty
 from beltid.uncertainty.sources import DRIVE, PRESS, budget, stated_sources
@@ -38,9 +38,7 @@ ALIKE_RATIOS = 0.03  # relative difference between a ratio of speeds and that of
 ALIKE_RADII = (0.7, 1.5)  # pulley over rig radius for which the laws hold: wedging changes
 MOST_OUTSIDE = 0.3  # share of the friction outside the measured range that is warned of
 
-Points = Mapping[str, DrivePoint]  # operating points by their labels in tables
-Results = Mapping[str, DriveResult]
-Rows = list[dict[str, Any]]
+Results = Mapping[str, DriveResult]  # by the labels of operating points in tables
 
 
 def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[Results]:
@@ -180,16 +178,10 @@ def points_of_config(config: Config) -> dict[str, DrivePoint]:
         if len(values) not in (1, n)
     ]
     length, tensions = section.belt_length_m is not None, section.initial_tension_N
-    problems += that_hold(
-        (
-            length and (tensions is not None or section.installation == "slack_force"),
-            "drive.belt_length_m: must not be stated with initial_tension_N",
-        ),
-        (
-            section.installation != "tensioner" and tensions is None and not length,
-            f"drive.initial_tension_N: must be stated with {section.installation}",
-        ),
-    )
+    if length and (tensions is not None or section.installation == "slack_force"):
+        problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
+    if section.installation != "tensioner" and tensions is None and not length:
+        problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
     if problems:
         raise InputError(problems)
     found = list[DrivePoint]()
@@ -271,7 +263,7 @@ def _other_radii(section: DriveSection, slip: Any) -> list[str]:
 
 
 def _solved(
-    simulator: Simulator, points: Points
+    simulator: Simulator, points: Mapping[str, DrivePoint]
 ) -> tuple[dict[str, DriveResult], dict[str, ConvergenceError]]:
     """Solve all points; return the steady states, and the errors of the points that failed."""
     good, failed = dict[str, DriveResult](), dict[str, ConvergenceError]()
@@ -292,7 +284,7 @@ def _solved(
     return good, failed
 
 
-def _limits(simulator: Simulator, points: Points, good: Results) -> Rows:
+def _limits(simulator: Simulator, points: Mapping[str, DrivePoint], good: Results) -> Rows:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     runs, rows = list(good), []
     settings = [(result.point.omega, result.rest.T_0) for result in good.values()]

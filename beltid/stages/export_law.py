@@ -158,7 +158,7 @@ def law_of_folder(folder: Path, config: Path | None, wanted: str | None) -> Cont
     covariance = normal["covariance"].reshape(2, 2)
     normal["covariance"] = covariance if np.isfinite(covariance).all() else None
     made, pressed = surface.record, stiffness.record
-    valid = pressed.validity | made.validity
+    valid = {**pressed.validity, **made.validity}
     valid["measured_force_N_m"] = surface.facts.get("measured", {}).get("normal_force_N_m")
     valid["press_force_N_m"] = valid.get("force_N_m")
     try:

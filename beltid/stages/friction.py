@@ -454,8 +454,7 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
     for rows in groups:
         known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
         parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
-        distance = sum(parts, start=np.zeros(rows.size))
-        chosen.append(int(rows[np.argmin(distance)]))
+        chosen.append(int(rows[np.argmin(sum(parts, start=np.zeros(rows.size)))]))
     return tuple(chosen)
 
 

@@ -289,11 +289,6 @@ def joined(parts: Sequence[Columns]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def that_hold(*sentences: tuple[Any, str]) -> list[str]:
-    """Return the sentences whose condition, which stands before them, holds."""
-    return [sentence for holds, sentence in sentences if holds]
-
-
 def set_aside_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a warning for each run or test that was set aside."""
     return [f"{what} {row[what]} set aside: {row['why']}" for row in rows for what in list(row)[:1]]

@@ -31,7 +31,6 @@ from beltid.stages.inputs import (
     shown,
     standard_uncertainties,
     surface_from,
-    that_hold,
 )
 from beltid.stages.rig import KEYS, bench_of, measured_settings, setting_lists
 from beltid.stages.surface import NEEDED
@@ -56,10 +55,12 @@ def planned(
     surface: Any, law: Any, config: Config, friction: Any, runs: int, goal_u: float
 ) -> Outcome[PlannedRuns]:
     """Plan from what is known: the surface, the law, the noise of reduced runs."""
-    if problems := that_hold(
-        (runs < 1, f"--runs = {runs}, must be >= 1"),
-        (not 0.0 <= goal_u < 1.0, f"--goal-u = {goal_u:g}, must be in [0, 1)"),
-    ):
+    problems = []
+    if runs < 1:
+        problems.append(f"--runs = {runs}, must be >= 1")
+    if not 0.0 <= goal_u < 1.0:
+        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
+    if problems:
         raise InputError(problems)
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact) and (beside := friction_of(surface)):
@@ -68,7 +69,6 @@ def planned(
     known = None if surface is None else _known_surface(surface)
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     sources = sources_of_plan(known, stated, [float(np.degrees(p.beta)) for p in points])
-    other = [] if known is None else known.stated_otherwise(stated)
     noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
     log.info("%d candidates, simulated with the present surface", len(points))
     bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
@@ -99,21 +99,18 @@ def planned(
     based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
     session = _session(plan, points, measured, config, based_on)
     arcs, clock = session["arc_deg"], session["start_minutes"]
-    notes = that_hold(
-        (assumed, f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"),
-        (law is None, "no data: contact law of the paper's 5PK belt"),
-        (known is None, "no data: mu from 0.7 to 1.5 with usual slopes over force and speed"),
-        (other, f"used as stated when the surface was made: {', '.join(other)}"),
-        (
-            noise_of is None,
-            f"assumed noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N; "
-            "--from friction.parquet states it",
-        ),
-        (
-            (session["pulley_speed_rad_s"] < 0.0).any(),
-            "runs with a negative speed tell the gain of the load cells from friction",
-        ),
-    )
+    notes = [f"settings of the rig, not stated, assumed: {'; '.join(assumed)}"] if assumed else []
+    if law is None:
+        notes.append("no data: contact law of the paper's 5PK belt")
+    if known is None:
+        notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
+    elif other := known.stated_otherwise(stated):
+        notes.append(f"used as stated when the surface was made: {', '.join(other)}")
+    if noise_of is None:
+        size = f"{100.0 * noise.friction:g} % of mu and {noise.tension:g} N"
+        notes.append(f"assumed noise of a run: {size}; --from friction.parquet states it")
+    if (session["pulley_speed_rad_s"] < 0.0).any():
+        notes.append("runs with a negative speed tell the gain of the load cells from friction")
     return Outcome(
         session,
         PlannedRuns(plan, target),

@@ -13,10 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+import pandas as pd
 
+from beltid.bench.recording import as_frame
 from beltid.config import Config, load_config
 from beltid.errors import BeltidError, InputError, NumericsError, counted, percent
 from beltid.identify.agreement import SAME_SETTING
@@ -54,9 +56,6 @@ from beltid.uncertainty.simulated import (
     simulated_uncertainty,
 )
 from beltid.uncertainty.sources import SURFACE, Source, stated_sources, with_sources
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 KEYS = {
     "arc_deg": "arcs_deg",
@@ -372,8 +371,6 @@ class SimulatedRun:
     @property
     def recording(self) -> pd.DataFrame | None:
         """The run over time with the columns of rig.csv; None for the steady method."""
-        from beltid.bench.recording import as_frame
-
         if self.result.recording is None:
             return None
         return as_frame(recording_columns([(self.settings, self.result)], self.config))
@@ -381,8 +378,6 @@ class SimulatedRun:
     @property
     def profile(self) -> pd.DataFrame:
         """The sliding state along the arc."""
-        import pandas as pd
-
         return pd.DataFrame(self.result.profile)
 
     def __repr__(self) -> str:
@@ -491,8 +486,6 @@ def simulate_campaign(
         A row per run: run, arc_deg, initial_tension_N, pulley_speed_rad_s, tension_tight_N,
         tension_slack_N, mu, normal_force_N_m, status ("ok", or why it failed).
     """
-    import pandas as pd
-
     model = as_measured(load_config(config), friction)
     measured = None if friction is None else friction_columns(friction, tuple(KEYS))
     results = simulate(

@@ -32,9 +32,24 @@ RECORDINGS = ("press", "rig", "speedloss")
 Origin = Literal["measured", "synthetic"]  # of the data
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """What a result says besides its table."""
+
+    facts: Mapping[str, Any] = field(default_factory=dict)  #: single results; unit in the name
+    tables: Mapping[str, Any] = field(default_factory=dict)  #: further tables: lists of rows
+    validity: Mapping[str, Any] = field(default_factory=dict)  #: ranges within which it holds
+    set_aside: list[dict[str, Any]] = field(default_factory=list)  #: runs or points, and why
+    notes: Sequence[str] = field(default_factory=list)
+    warnings: Sequence[str] = field(default_factory=list)
+    verdict: str = ""
+    passed: bool | None = None  #: whether what was judged is within tolerance
+    origin: str | None = None  #: of the data, "measured" or "synthetic"; None if not stated
+
+
 @dataclass(frozen=True, slots=True)
-class Record:
-    """What an artifact says about itself besides its table: plain JSON values.
+class Record(Said):
+    """What an artifact says about itself, and what its result says: plain JSON values.
 
     `inputs` and `ancestors` are the SHA-256 of what was read, and of all that it was made from, by
     name; `sources` that of the software, `made_from` that of all these, the settings and options:
@@ -47,20 +62,11 @@ class Record:
     made_from: str = ""
     software: str = ""
     sources: str = ""
-    origin: str | None = None  # of the data, None if not stated
     inputs: dict[str, str] = field(default_factory=dict)
     ancestors: dict[str, str] = field(default_factory=dict)
     config: str = ""
     config_sha256: str = ""
     settings: dict[str, Any] = field(default_factory=dict)  # sections of the config, options
-    facts: dict[str, Any] = field(default_factory=dict)  # single results; the unit is in the name
-    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # further ones
-    validity: dict[str, Any] = field(default_factory=dict)  # ranges within which the result holds
-    set_aside: list[dict[str, Any]] = field(default_factory=list)  # what, and why
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    verdict: str = ""
-    passed: bool | None = None  # whether what was judged is within tolerance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +101,7 @@ class Artifact:
         return {pair for pair in self.record.ancestors.items() if pair[0] in RECORDINGS}
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Mapping[str, Any]:
         """Single results by name."""
         return self.record.facts
 
@@ -148,7 +154,7 @@ def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "arti
 
     table = TABLES[record.kind]
     values = normalised(columns, table, name)
-    stated = plain(asdict(record) | {"version": table.version})
+    stated = plain({"kind": table.kind} | asdict(record) | {"version": table.version})
     text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
     return parquet_bytes(values, table, {RECORD_KEY: text, SEAL_KEY: seal(text, values)})
 

@@ -92,10 +92,9 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     wrong = np.zeros(cells.shape, dtype=bool) if column.nullable else absent(cells)
     if column.dtype != "string":
         wrong |= np.isinf(cells) | outside(cells, column)
-    rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"
-        for i in rows[:3]
+        for i in np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)[:3]
     ]
 
 
@@ -131,11 +130,6 @@ def parquet_bytes(
     return buffer.getvalue()
 
 
-def seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
-    """Return the seal over a record and the columns of its table."""
-    return sha256(text + columns_sha256(columns).encode()).encode()
-
-
 def columns_of_arrow(arrow: pa.Table, table: Table) -> dict[str, np.ndarray]:
     """Convert an Arrow table that was read to columns with the types of the schema."""
     columns: dict[str, Any] = {}
@@ -153,8 +147,8 @@ def columns_of_arrow(arrow: pa.Table, table: Table) -> dict[str, np.ndarray]:
     return normalised(columns, table, "its table")
 
 
-def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:
-    """Compute the SHA-256 of the names, types and values of the columns of a table, in order."""
+def seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
+    """Return the seal over a record and the names, types and values of the columns of its table."""
     digest = hashlib.sha256()
     for name, values in columns.items():
         digest.update(f"{name}\0{values.dtype.kind}{values.shape}\0".encode())
@@ -163,4 +157,4 @@ def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:
             digest.update(b"".join(len(cell).to_bytes(8, "little") + cell for cell in cells))
         else:
             digest.update(values.astype(values.dtype.newbyteorder("<")).tobytes())
-    return digest.hexdigest()
+    return sha256(text + digest.hexdigest().encode()).encode()

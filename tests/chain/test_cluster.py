@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from small_bench import BELTID, beltid, contents, read_until, started
 
-from beltid.batch import run as clusters
 from beltid.errors import InputError
+from beltid.stages.workers import refuse_others
 
 # only looked for: its import is a second for every process that collects the tests
 if find_spec("distributed") is None:
@@ -72,5 +72,5 @@ class Client:
 @pytest.mark.parametrize("answer", [None, "0" * 64, ModuleNotFoundError("beltid")])
 def test_workers_without_the_package_or_of_other_sources_are_refused_at_once(answer: Any) -> None:
     with pytest.raises(InputError, match=r"1 of 2 workers .* tcp://b:1"):
-        clusters.refuse_others(Client(lambda here: answer), "there")
-    clusters.refuse_others(Client(lambda here: here), "there")
+        refuse_others(Client(lambda here: answer), "there")
+    refuse_others(Client(lambda here: here), "there")

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from small_bench import BELTID, beltid, contents, read_until, started
 
-from beltid.batch.chain import FAILED, Belt
-from beltid.batch.run import run_in_processes
+from beltid.batch.run import FAILED, Belt, run_in_processes
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 

@@ -15,7 +15,7 @@ import pytest
 from beltid.config import Config, find_config
 from beltid.stage import RECORDINGS, STAGES, Stage
 from beltid.stages import steps  # noqa: F401  (registers the stages)
-from beltid.stages.page_mark import keep_curves
+from beltid.stages.report_belt import keep_curves
 
 CALLS = {
     "fit-stiffness": ("press.csv",),

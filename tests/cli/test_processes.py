@@ -12,7 +12,7 @@ import pytest
 MAIN = "from beltid.cli import main; main()"
 PROGRAM = """
 import ctypes, os, signal, sys, time
-from beltid.cli.execute import hear_signals, if_stopped
+from beltid.cli.execute import Common, finish, hear_signals
 number = signal.Signals[sys.argv[1]]
 signal.signal(number, signal.default_int_handler)
 hear_signals()
@@ -23,8 +23,7 @@ def interrupt(*ignored):
 def work():
     {call}
     print("went on")
-with if_stopped("nothing was written"):
-    work()
+finish(work, Common())
 """
 PLACES = {
     "plain code": "interrupt()",
