@@ -21,9 +21,17 @@ import numpy as np
 from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Array, Posterior
-from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
+from beltid.refine.posterior import (
+    IF_CORRECTED,
+    PRIORS,
+    SCATTER,
+    SHARED_ERRORS,
+    Curves,
+    LinearRuns,
+    campaign_effects,
+)
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
+from beltid.uncertainty.simulated import Campaign, RigRuns, look_ups, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -58,9 +66,10 @@ OUTLIER, LEAST_SCALE = 3.5, 0.5
 class RefinedSurface:
     """Solution of the inverse problem."""
 
-    surface: FrictionSurface  # with the standard errors of its nodes by scatter and effects
+    surface: FrictionSurface
+    """With its covariance, and the standard errors of its nodes by scatter and effects."""
     uncertainty: SurfaceUncertainty
-    """Its covariance by causes; the bending stiffness with what the runs leave of its error."""
+    """The covariance by causes; the bending stiffness with what the runs leave of its error."""
     curves: Curves  # the splines from which the surface was tabulated
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign
@@ -94,31 +103,29 @@ def refine_surface(
     surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
     simulated, or if the iteration does not converge.
     """
-    measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
+    measured, start = campaign.measured, campaign.bench.surface
     rig, fits = RigRuns(campaign, speeds, MESH), list[Problem]()
     for _ in range(2):  # the second time with the knots where forces act with the first solution
         fits.append(Problem(rig, start, measured, reference_degC))
         fits[-1].solve()
         start = fits[-1].tabulated()
     first, fit = fits
-    curves, posterior, runs, q = fit.curves, fit.posterior, fit.runs, fit.at.size
-    parameters, changes = curves.B @ fit.at, np.zeros((n, len(sources)))
-    told, left = (np.zeros(0), np.zeros(0)), list(sources)
-    if sources:
-        at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
-        changes, _ = residual_changes(campaign, sources, *at)
-        runs = replace(runs, shared=-changes)
-        mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
-        told = mean, np.sqrt(np.diag(covariance))
+    curves, posterior, q, left = fit.curves, fit.posterior, fit.at.size, list(sources)
+    parameters = curves.B @ fit.at
+    at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
+    changes, _ = residual_changes(campaign, sources, *at, exact=not sources)
+    runs = replace(fit.runs, shared=-changes)
+    mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
+    told = mean, np.sqrt(np.diag(covariance))
     for k, source in enumerate(sources):
         if source.error == "bending_stiffness":  # with what the runs leave of its error
-            share = min(1.0, math.hypot(told[0][k], told[1][k]))
+            share = min(1.0, float(np.hypot(*told)[k]))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
     gain = runs.gain(posterior)
-    for e in runs.effects:
-        left += effect_sources(e.key, posterior.sizes[e.key], e.columns.shape[1])
-    by_effects = (posterior.sizes[e.key] * e.columns for e in runs.effects)
+    for key, Z in runs.effects.items():
+        left += effect_sources(key, posterior.sizes[key], Z.shape[1])
+    by_effects = (posterior.sizes[key] * Z for key, Z in runs.effects.items())
     shared = gain[:q] @ np.hstack([changes, *by_effects])
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
@@ -134,19 +141,14 @@ def refine_surface(
             f"no convergence in {iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
-    at_nodes = curves.at_nodes(fit.forces, curves.B @ shared)
-    scatter = curves.at_nodes(fit.forces, factor_of(curves.B @ own @ curves.B.T))
-    of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
-    surface = fit.tabulated(np.linalg.norm(of_fit, axis=-1))
+    scatter = factor_of(curves.B @ own @ curves.B.T)
+    factor = curves.at_nodes(fit.forces, np.hstack([curves.B @ shared, scatter]))
+    mu, relative = start.mu_nodes, np.linalg.norm(factor[..., len(sources) :], axis=-1)
+    names = [source.name for source in left]
+    surface = FrictionSurface(fit.forces, rig.speeds, mu, mu * relative, factor, names)
     return RefinedSurface(
         surface=surface,
-        uncertainty=SurfaceUncertainty(
-            surface=surface,
-            sources=left,
-            changes=at_nodes,
-            scatter=scatter,
-            arcs_deg=measured.arcs_deg,
-        ),
+        uncertainty=SurfaceUncertainty(surface, left, measured.arcs_deg),
         curves=curves,
         parameters=parameters,
         campaign=campaign,
@@ -177,15 +179,16 @@ class Sweep(NamedTuple):
 def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     """Simulate every run with the surface of its speed and compute the derivatives."""
     n, m, k = rig.label.size, curves.log_speed.size, curves.log_force.size
-    runs, J = rig.slide(curves.surfaces(parameters)), np.zeros((n, m, k))
-    for i, run in enumerate(runs):
-        force, weight = run.look_ups()
-        J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
+    surfaces, J = curves.surfaces(parameters), np.zeros((n, m, k))
+    runs = rig.slide(surfaces)
+    for i, (run, speed) in enumerate(zip(runs, rig.label.tolist(), strict=True)):
+        force, weight = look_ups(run, surfaces[speed])
+        J[i, speed] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
     of_speeds = parameters.reshape(m, k)
     by_speed = np.gradient(of_speeds, curves.log_speed, axis=0) if m > 1 else 0.0 * of_speeds
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
-    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
+    tight, slack, mu = np.array([(r.tension_tight_N, r.tension_slack_N, r.mu) for r in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
     return Sweep(np.array([tight, slack]), log_mu, J.reshape(n, m * k), speed_slope)
 
@@ -194,10 +197,9 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     """Return line forces [N/m]: the lowest limits of both :data:`SHARES`, and the peak."""
     acting = []
     for run in rig.slide([start] * rig.speeds.size):
-        force, _ = run.look_ups()
-        order = np.argsort(force)
-        share = np.cumsum(run.state.now[run.state.touching]["F_N"][order])
-        acting.append([*np.interp(SHARES, share / share[-1], force[order]), force.max()])
+        points = np.sort(run.sliding.now[run.sliding.touching], order="f_N")
+        share, force = np.cumsum(points["F_N"]), points["f_N"]
+        acting.append([*np.interp(SHARES, share / share[-1], force), force[-1]])
     lowest, low, peak = np.array(acting).T
     return float(lowest.min()), float(low.min()), float(peak.max())
 
@@ -218,6 +220,7 @@ class Problem:
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
         below = inside[0] - gap * np.arange(math.ceil((inside[0] - np.log(lowest)) / gap), 0, -1)
         self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
+        self.priors = PRIORS if reference_degC is None else {**PRIORS, **IF_CORRECTED}
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
@@ -227,19 +230,18 @@ class Problem:
         self.done = sweep(rig, self.curves, self.curves.B @ self.at)
         self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 
-    def tabulated(self, relative: Array | None = None) -> FrictionSurface:
-        """Tabulate the curves at the nodes, with relative standard errors if they are known."""
-        parameters = self.curves.B @ self.at
-        mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
-        se = None if relative is None else mu * relative
-        return FrictionSurface(self.forces, self.rig.speeds, mu, se)
+    def tabulated(self) -> FrictionSurface:
+        """Tabulate the curves at the nodes."""
+        log_mu = self.curves.at_nodes(self.forces, self.curves.B @ self.at)[..., 0]
+        return FrictionSurface(self.forces, self.rig.speeds, np.exp(log_mu))
 
     def linearised(self, weight: Array, response: Array) -> LinearRuns:
         """Linearise the data about the simulated runs; `response` (n,) is theirs to effects."""
-        effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
+        effects = {key: Z * response[:, None] for key, Z in self.effects.items()}
         y = self.log_mu - self.done.log_mu + self.done.J @ (self.curves.B @ self.at)
         parts = {name: self.done.J @ columns for name, columns in self.curves.parts.items()}
-        return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
+        errors = self.errors / np.sqrt(weight)
+        return LinearRuns(y, parts, errors, response, effects, self.priors)
 
     def solve(self) -> None:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
@@ -327,7 +329,7 @@ def contradictions(found: RefinedSurface) -> dict[str, float]:
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    columns = {e.key: e.columns / found.runs.response[:, None] for e in found.runs.effects}
+    columns = {key: Z / found.runs.response[:, None] for key, Z in found.runs.effects.items()}
     mean, C, arcs_deg = found.posterior.mean, found.covariance, found.uncertainty.arcs_deg
     unit = {key: np.eye(mean.size)[found.posterior.model.places[key]] for key in columns}
     rows, arcs = dict[str, Array](), ()  # sums of the numbers whose root mean square is the size

@@ -179,12 +179,9 @@ def _known_surface(surface: Any) -> SurfaceUncertainty:
     found, stored = surface_from(surface), surface.facts.get("uncertainty")
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
-    n = len(stored["sources"])
     return SurfaceUncertainty(
         surface=found,
         sources=tuple(Source(**row) for row in stored["sources"]),
-        changes=found.factor[..., :n],
-        scatter=found.factor[..., n:],
         arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
         noise_scale=surface.facts.get("noise_over_stated_errors") or 1.0,
     )

@@ -219,7 +219,7 @@ class Refinement:
     @property
     def surface(self) -> FrictionSurface:
         """The refined surface with its covariance."""
-        return with_covariance(self.refined)
+        return self.refined.surface
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
@@ -241,13 +241,6 @@ class Refinement:
         """Return the standard deviation of the arcs' mean misfits [-]; nan for a single arc."""
         means = [np.mean(misfit[self.arcs_deg == arc]) for arc in np.unique(self.arcs_deg)]
         return float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
-
-
-def with_covariance(found: RefinedSurface) -> FrictionSurface:
-    """Return a refined surface with its covariance by source."""
-    return found.surface.with_covariance(
-        found.uncertainty.factor, [source.name for source in found.uncertainty.sources]
-    )
 
 
 def refined(

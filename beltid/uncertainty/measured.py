@@ -329,8 +329,10 @@ def published_uncertainty(
         """Return the change of ln mu at the nodes with errors corrected."""
         return changes_at_nodes(nominal, published_grid(measured.corrected(errors)))
 
-    changes, surface = changes_by(sources, change), nominal.to_surface()
-    return SurfaceUncertainty(surface, sources, changes, nominal.scatter, measured.arcs_deg)
+    factor = np.concatenate([changes_by(sources, change), nominal.scatter], axis=-1)
+    names = [source.name for source in sources]
+    surface = nominal.to_surface().with_covariance(factor, names)
+    return SurfaceUncertainty(surface, sources, measured.arcs_deg)
 
 
 def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[Source, ...]:

@@ -18,7 +18,7 @@ the bench missed and the simulation did not is a known error without correction:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,12 @@ from numpy.typing import NDArray
 from beltid.arrays import Array
 from beltid.identify.agreement import AgreementResult
 from beltid.identify.friction.run import RigKind
-from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.runs import lay_on, slide, tension_sensitivity
+from beltid.rig.runs import RunResult, lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
@@ -63,15 +62,11 @@ class Campaign:
     def inputs(self, runs: Measured, errors: Errors) -> Array:
         """Return `INPUTS` of the simulated rig (n, 8) for runs with the same errors corrected."""
         belt = self.bench.belt
-        shared = (
-            runs.R,
-            self.bench.rig.span + errors.at("span_length"),
-            belt.EI * (1.0 + errors.at("bending_stiffness")),
-            belt.EA * (1.0 + errors.at("axial_stiffness")),
-            *self.press.coefficients(errors),
-        )
-        same = np.broadcast_to(shared, (runs.mu.size, len(shared)))
-        return np.column_stack([runs.beta, runs.T_0, same])
+        span = self.bench.rig.span + errors.at("span_length")
+        EI = belt.EI * (1.0 + errors.at("bending_stiffness"))
+        EA = belt.EA * (1.0 + errors.at("axial_stiffness"))
+        inputs = runs.beta, runs.T_0, runs.R, span, EI, EA, *self.press.coefficients(errors)
+        return np.column_stack(np.broadcast_arrays(*inputs))
 
 
 def simulated_runs(
@@ -88,25 +83,12 @@ def simulated_runs(
     return Measured(*settings, tight, slack, np.zeros(T_0.size), kind=kind, given_force=given)
 
 
-class Sliding(NamedTuple):
-    """The sliding limit of a run."""
-
-    model: RigModel  # its rig, with the surface
-    state: State  # tensions T_A (tight) and T_B (slack) [N], contact points
-    surface: FrictionSurface
-
-    @property
-    def mu(self) -> float:
-        """Coefficient by Eq. (6)."""
-        tensions = self.state.T_A, self.state.T_B
-        return float(friction_coefficient(*tensions, self.model.point.beta))
-
-    def look_ups(self) -> tuple[Array, Array]:
-        """Return line forces [N/m] where mu is looked up, and d ln mu of the run by ln mu there."""
-        point, state = self.model.point, self.state
-        force, tight, slack = tension_sensitivity(self.model, state)
-        per_mu = (tight / state.T_A - slack / state.T_B) / (point.beta * self.mu)
-        return force, per_mu * self.surface.mu(force, point.omega * self.model.path.R)
+def look_ups(run: RunResult, surface: FrictionSurface) -> tuple[Array, Array]:
+    """Return line forces [N/m] where mu is looked up, and d ln mu of the run by ln mu there."""
+    point, state = run.model.point, run.sliding
+    force, tight, slack = tension_sensitivity(run.model, state)
+    per_mu = (tight / state.T_A - slack / state.T_B) / (point.beta * run.mu)
+    return force, per_mu * surface.mu(force, point.omega * run.model.path.R)
 
 
 class RigRuns:
@@ -147,11 +129,13 @@ class RigRuns:
             self.models.append(replace(model, point=point))
             self._laid.append(laid)
 
-    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
-        """Compute every run with the surface of its speed."""
-        each = [surfaces[j] for j in self.label]
-        runs = [model.with_surface(of) for model, of in zip(self.models, each, strict=True)]
-        return [Sliding(*of) for of in zip(runs, map(slide, runs, self._laid), each, strict=True)]
+    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[RunResult]:
+        """Compute the sliding limit of every run with the surface of its speed."""
+        runs = list[RunResult]()
+        for model, laid, speed in zip(self.models, self._laid, self.label, strict=True):
+            of_run = model.with_surface(surfaces[speed])
+            runs.append(RunResult(of_run, slide(of_run, laid), None))
+        return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
         """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
@@ -261,6 +245,9 @@ def simulated_uncertainty(
     bench. Raises `ConvergenceError` if a run cannot be simulated.
     """
     surface, n = campaign.bench.surface, campaign.measured.mu.size
+    if surface.factor is None:  # without a covariance the standard errors add up
+        se = np.zeros((1, 1)) if surface.mu_se_nodes is None else surface.mu_se_nodes
+        surface = surface.with_covariance(np.nan_to_num(se / surface.mu_nodes)[..., None])
     speeds = np.unique(campaign.measured.slip_speed)
     surfaces = [surface] * speeds.size
     rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
@@ -268,16 +255,12 @@ def simulated_uncertainty(
     by_surface, scatter, speed_slope, response = np.zeros((n, len(sources))), *np.zeros((3, n))
     shared = len(surface.sources)
     for i, run in enumerate(runs):
-        v, (force, weight) = float(speeds[rig.label[i]]), run.look_ups()
-        if surface.factor is None:
-            relative = surface.mu_se_at(force, v) / surface.mu(force, v)
-            scatter[i] = np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0)
-        else:
-            columns = weight @ surface.factor_at(force, v)
-            by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
+        v, (force, weight) = float(speeds[rig.label[i]]), look_ups(run, surface)
+        columns = weight @ surface.factor_at(force, v)
+        by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
-    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
+    tight, slack, mu = np.array([(r.tension_tight_N, r.tension_slack_N, r.mu) for r in runs]).T
     arcs = np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
     by_arc = {ARC: response[:, None] * arcs}
     measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)

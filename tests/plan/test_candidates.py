@@ -51,8 +51,8 @@ SOURCES = (
 @pytest.fixture(scope="module")
 def candidates() -> tuple[RunRows, Measured]:
     press = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
-    none = np.zeros((12, 2, 0))
-    known = SurfaceUncertainty(SURFACE, (), none, none, np.array([82.0]))
+    exact = SURFACE.with_covariance(np.zeros((12, 2, 0)))
+    known = SurfaceUncertainty(exact, (), np.array([82.0]))
     tail = {"shared_tail": 0.002}
     rows, runs, _ = simulate_candidates(BENCH, press, POINTS, known, SOURCES, columns=tail)
     return rows, runs
@@ -113,17 +113,18 @@ def test_the_prior_holds_a_surface_of_any_usual_level_and_no_finer_than_its_roug
 
 
 def known(changes: np.ndarray, scatter: np.ndarray) -> SurfaceUncertainty:
-    surface = usual_surface(FORCES, SPEEDS)
-    return SurfaceUncertainty(surface, (), changes, scatter, np.zeros(0))
+    factor = np.concatenate([changes, scatter], axis=-1)
+    surface = usual_surface(FORCES, SPEEDS).with_covariance(factor)
+    return SurfaceUncertainty(surface, SOURCES[: changes.shape[-1]], np.zeros(0))
 
 
 def test_the_nodes_of_a_measured_surface_keep_their_covariance() -> None:
     rng = np.random.default_rng(2)
-    of = known(rng.normal(size=(8, 3, 2)), 0.01 * rng.normal(size=(8, 3, 24)))
-    found = knowledge_at(WIDER, of, 3)  # an error more, which new runs alone have
-    factor = of.scatter.reshape(24, -1)
+    shared, scatter = rng.normal(size=(8, 3, 2)), 0.01 * rng.normal(size=(8, 3, 24))
+    # an error more, which new runs alone have
+    found, factor = knowledge_at(WIDER, known(shared, scatter), 3), scatter.reshape(24, -1)
     np.testing.assert_allclose(found.scatter[np.ix_(NODES, NODES)], factor @ factor.T, atol=1e-8)
-    changes = np.column_stack([of.changes.reshape(24, 2), np.zeros(24)])
+    changes = np.column_stack([shared.reshape(24, 2), np.zeros(24)])
     np.testing.assert_allclose(found.changes[NODES], changes, atol=1e-8)
 
 

@@ -58,7 +58,7 @@ def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     own = noise + smoothed * prior @ smoothed.T
     at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
     expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
-    scatter = found.uncertainty.scatter
+    scatter = found.uncertainty.factor[..., len(found.uncertainty.sources) :]
     np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
 
 
@@ -156,15 +156,15 @@ def test_only_the_right_boundary_recovers_the_surface() -> None:
 
 def test_effects_that_the_runs_cannot_show_are_left_out() -> None:
     five = Measured(R, np.zeros(5, int), *np.ones((6, 5)), order=np.zeros(5, int))
-    assert campaign_effects(five, None) == ()
+    assert campaign_effects(five, None) == {}
     known = replace(five, temperature_degC=np.array([20, 20, 30, 30, np.nan]))
     # a temperature that is not known is the mean; per 10 K
     for reference, expected in (
         (None, [-0.5, -0.5, 0.5, 0.5, 0.0]),
         (20.0, [0.0, 0.0, 1.0, 1.0, 0.5]),
     ):
-        (warm,) = campaign_effects(known, reference)
-        np.testing.assert_allclose(warm.columns[:, 0], expected)
+        (warm,) = campaign_effects(known, reference).values()
+        np.testing.assert_allclose(warm[:, 0], expected)
 
 
 @pytest.mark.parametrize(

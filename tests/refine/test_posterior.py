@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import beltid.refine.posterior as refined
-from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
+from beltid.refine.posterior import CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
 from beltid.uncertainty.sources import ARC, ORDER
 
 N, FORCES = 60, np.log(np.geomspace(300.0, 15000.0, 8))
@@ -27,7 +27,7 @@ def runs(seed: int = 1, arcs: int = 3) -> refined.LinearRuns:
         parts={name: rows.reshape(N, -1) @ Z for name, Z in CURVES.parts.items()},
         errors=np.full(N, SE),
         response=np.ones(N),
-        effects=(refined.Effect(ARC, arc, BEFORE[ARC]),),
+        effects={ARC: arc},
     )
 
 
@@ -39,7 +39,7 @@ def with_data(
     precision = model.precision(SIZES)
     sd = np.divide(1.0, np.sqrt(precision), out=np.zeros(precision.size), where=precision > 0.0)
     h = sd * rng.standard_normal(precision.size)
-    columns = model.effects[0].columns
+    columns = model.effects[ARC]
     noise = np.sqrt(model.variance(SIZES)) * rng.standard_normal(N)
     y = model.X @ h + columns @ np.broadcast_to(arcs, columns.shape[1]) + noise
     return replace(model, y=y), h
@@ -48,7 +48,7 @@ def with_data(
 def test_the_estimate_is_that_of_generalised_least_squares() -> None:
     sizes = {**SIZES, ARC: 0.01}
     model, _ = with_data(runs(), 2, np.array([0.01, -0.01, 0.0]))
-    Z = sizes[ARC] * model.effects[0].columns
+    Z = sizes[ARC] * model.effects[ARC]
     V = np.diag(model.variance(sizes)) + Z @ Z.T
     P = np.diag(model.precision(sizes))
     inverse = np.linalg.inv(model.X.T @ np.linalg.solve(V, model.X) + P)
@@ -99,7 +99,7 @@ def test_sizes_are_found_and_intervals_of_surface_and_arcs_hold_the_truth() -> N
 
 def test_an_error_that_runs_share_is_found_beside_its_statement() -> None:
     column = np.linspace(-1.0, 1.0, N)[:, None] * 0.003
-    data = replace(with_data(runs(), 5)[0], shared=column, effects=())
+    data = replace(with_data(runs(), 5)[0], shared=column, effects={})
     data = replace(data, y=data.y + 1.5 * column[:, 0])
     mean, covariance = data.model().at(SIZES).of(SHARED_ERRORS)
     assert mean[0] == pytest.approx(1.5, abs=3.0 * np.sqrt(covariance[0, 0]))
@@ -110,16 +110,15 @@ def test_an_effect_that_another_one_or_a_shared_error_can_replace_has_no_evidenc
     """A campaign sorted by arcs: arcs or order. Arcs set wrongly as stated."""
     arc = np.repeat(np.eye(2), N // 2, axis=0)
     order = np.linspace(-0.5, 0.5, N)[:, None]
-    in_order = refined.Effect(ARC, arc, BEFORE[ARC]), refined.Effect(ORDER, order, BEFORE[ORDER])
-    data, _ = with_data(replace(runs(arcs=2), effects=in_order[:1]), 6, np.array([0.0, 0.02]))
-    data = replace(data, effects=in_order)
+    data, _ = with_data(replace(runs(arcs=2), effects={ARC: arc}), 6, np.array([0.0, 0.02]))
+    data = replace(data, effects={ARC: arc, ORDER: order})
     assert data.log_evidence_for(ARC, ORDER) > np.log(20.0)
     at_random = np.random.default_rng(1).permutation(N)
-    mixed = replace(data, effects=(in_order[0], replace(in_order[1], columns=order[at_random])))
+    mixed = replace(data, effects={ARC: arc, ORDER: order[at_random]})
     assert mixed.log_evidence_for(ARC) > data.log_evidence_for(ARC) + 3.0
     assert mixed.log_evidence_for(ORDER) < 1.0
     model = runs()
-    model = replace(model, shared=0.003 * model.effects[0].columns)
+    model = replace(model, shared=0.003 * model.effects[ARC])
     wrong, _ = with_data(model, 4, np.array([0.004, -0.003, 0.001]))
     assert wrong.log_evidence_for(ARC) < np.log(20.0)
 

@@ -81,7 +81,7 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     measured = nominal.campaign.measured
     grid = published_grid(measured)
     found = published_uncertainty(measured, grid, GIVEN)
-    sources, changes = found.sources, found.changes
+    sources, changes = found.sources, found.factor[..., : len(found.sources)]
     both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
     # a gain of both cells moves the forces alone: mu changes by the slope along the force
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
