@@ -94,7 +94,7 @@ class Measured:
     R: float  # radius of the belt's centreline on the pulley [m]
     arc: NDArray[np.intp]  # number of the arc setting
     beta: Array  # contact arc [rad]
-    T_0: Array  # initial tension [N], mean of both cells; if a force is given, the tension from it
+    T_0: Array  # initial tension [N], mean of both cells; a given force takes its place
     omega: Array  # speed of the pulley [rad/s]
     tight: Array  # tensions while sliding [N]
     slack: Array
@@ -109,6 +109,10 @@ class Measured:
     momentum: Array | float = 0.0  # m v² of a running belt, subtracted from all tensions [N]
     with_tight: Mask | None = None
     """Whether the tension measured with a torque is the tight one; by default as `kind` states."""
+
+    def __post_init__(self) -> None:
+        given = {"tight": self.tight, "slack": self.slack, "hub": 0.5 * (self.tight + self.slack)}
+        object.__setattr__(self, "T_0", given.get(self.given_force, self.T_0))
 
     @property
     def arcs_deg(self) -> Array:
@@ -143,7 +147,6 @@ class Measured:
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         tight, slack, T_0 = self._corrected_tensions(errors, beta)
-        T_0 = tension_given(self.given_force, tight, slack, T_0)
         if not np.min([tight, slack, beta, T_0]) > 0.0:
             raise InputError(
                 "uncertainty: an error of the load cells or of the arc is as large as a tension or "
@@ -183,20 +186,18 @@ class Measured:
         # of m v², subtracted from all tensions; the belt has the gain error of the pulley's speed
         mass = self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
+        # the tight cell rises and reads too little, the slack one falls and reads too much
+        lag = errors.at("cell_hysteresis") * (kind.measures != "torque_hub")
+
         def cell(number: int, tension: Array) -> Array:
             """Return what a cell measures; a weight on its span has the error of the mass only."""
             if SPANS[number] == kind.weight:
                 return tension - mass
             gain = errors.at("tension_gain") + errors.at("cell_gain", number)
-            zero = errors.at("cell_offset", number) - mass
+            zero = errors.at("cell_offset", number) - mass + lag * (tension - self.T_0)
             return np.asarray(tension + (tension + self.momentum) * gain + zero)
 
-        # the tight cell rises and reads too little, the slack one falls and reads too much
-        lag = errors.at("cell_hysteresis") * (kind.measures != "torque_hub")
-        tight, slack = (
-            cell(k, tension) + lag * (tension - self.T_0) * (SPANS[k] != kind.weight)
-            for k, tension in enumerate((self.tight, self.slack))
-        )
+        tight, slack = cell(0, self.tight), cell(1, self.slack)
         at_rest = cell(0, self.T_0), cell(1, self.T_0)
         if not kind.has_torque:
             mean = 0.5 * (at_rest[0] + at_rest[1])
@@ -215,11 +216,6 @@ class Measured:
         by_slack = tensions_by_torque(M, R, T_slack=slack)
         is_tight = kind.torque_with == "tight" if self.with_tight is None else self.with_tight
         return (*np.where(is_tight, by_tight, by_slack), np.where(is_tight, *at_rest))
-
-
-def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
-    """Return the tension before the pulley turns (n,) [N]; by the given force, if there is one."""
-    return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
 
 
 def measured_runs(
@@ -246,12 +242,11 @@ def measured_runs(
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
     slack = f * R * (mu * beta) / np.expm1(mu * beta)
     tight, at_rest = slack * np.exp(mu * beta), known("initial_tension_N")
-    T_0 = np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
         beta=beta,
-        T_0=tension_given(given_force, tight, slack, T_0),
+        T_0=np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack)),
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
