@@ -9,7 +9,6 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.plan.candidates import (
-    LEVEL_WIDTH,
     knots_for,
     knowledge_at,
     noise_law,
@@ -97,14 +96,8 @@ WIDER = Curves(np.append(FORCES, FORCES[-1] + 0.5), np.log([0.001, *np.exp(SPEED
 NODES = np.add.outer(np.arange(8), 9 * np.arange(1, 4)).ravel()
 
 
-def test_the_prior_holds_a_surface_of_any_usual_level_and_no_finer_than_its_roughness() -> None:
+def test_the_prior_holds_a_surface_no_finer_than_its_roughness() -> None:
     covariance = prior_covariance(Curves(FORCES, SPEEDS))
-    deviation = np.sqrt(np.diag(covariance)).reshape(3, 8)
-    middle = deviation[1, 3:5]
-    assert np.all((middle > LEVEL_WIDTH) & (middle < 1.2 * LEVEL_WIDTH))
-    # away from the middle the slopes count
-    assert deviation[0, 0] > deviation[1, 3]
-    assert deviation[2, 7] > deviation[1, 3]
     # of a level known at the middle speed, a factor 4 in speed away is left what slope and bend say
     level = np.kron(np.eye(3), np.full((1, 8), 1.0 / 8.0))
     of_levels = level @ covariance @ level.T

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import beltid.refine.posterior as refined
 from beltid.refine.posterior import CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
@@ -39,7 +40,7 @@ def with_data(
     precision = model.precision(SIZES)
     sd = np.divide(1.0, np.sqrt(precision), out=np.zeros(precision.size), where=precision > 0.0)
     h = sd * rng.standard_normal(precision.size)
-    columns = model.effects[ARC]
+    (columns,) = model.effects.values()
     noise = np.sqrt(model.variance(SIZES)) * rng.standard_normal(N)
     y = model.X @ h + columns @ np.broadcast_to(arcs, columns.shape[1]) + noise
     return replace(model, y=y), h
@@ -76,25 +77,6 @@ def test_the_misfit_is_least_at_the_estimate_whatever_the_effects_take() -> None
     for step in 0.01 * np.random.default_rng(5).normal(size=(3, q)):
         more = model.misfit(model.y - model.X @ (h + step), h + step, sizes) - least
         assert more == pytest.approx(step @ precision @ step, rel=1e-6)
-
-
-def test_sizes_are_found_and_intervals_of_surface_and_arcs_hold_the_truth() -> None:
-    sizes, errors, apart = [], [], []
-    for seed in range(12):
-        arcs = 0.01 * np.random.default_rng(90 + seed).normal(size=3)
-        model, h = with_data(runs(seed), seed, arcs)
-        found = model.choose({})
-        sizes.append([found.sizes[CURVE], np.sqrt(model.variance(found.sizes)[0])])
-        C = B @ found.covariance[: len(B), : len(B)] @ B.T
-        errors.append(B @ (found.mean[: len(B)] - h) / np.sqrt(np.diag(C)))
-        mean, covariance = found.of(ARC)
-        w = np.array([1.0, -1.0, 0.0])
-        apart.append(w @ (mean - arcs) / np.sqrt(w @ covariance @ w))
-    curve, noise = np.exp(np.mean(np.log(sizes), axis=0))
-    assert curve == pytest.approx(0.04, rel=0.3)
-    assert noise == pytest.approx(np.hypot(SE, 0.001), rel=0.15)
-    assert 0.85 < np.mean(np.abs(errors) < 1.96) < 0.998
-    assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.5
 
 
 def test_an_error_that_runs_share_is_found_beside_its_statement() -> None:
@@ -136,6 +118,18 @@ def test_the_share_a_free_surface_explains_is_a_multiple_correlation() -> None:
 def test_a_few_runs_that_fit_by_chance_are_not_called_exact() -> None:
     model, h = with_data(runs(), 8)
     assert replace(model, y=model.X @ h).choose({}).sizes[NOISE] == 0.5
+
+
+def test_the_size_of_an_effect_is_the_interval_of_its_number() -> None:
+    order = 0.05 * np.linspace(-0.5, 0.5, N)[:, None]  # the prior counts as much as the runs
+    model = with_data(replace(runs(), effects={ORDER: order}), 3, np.array([0.02]))[0]
+    found = model.choose({})
+    (m,), ((v,),) = model.model().at({**found.sizes, ORDER: 1e3}).of(ORDER)  # by the runs alone
+    s, prior = np.geomspace(1e-5, 0.3, 2000), refined.PRIORS[ORDER]
+    density = norm.pdf(m, scale=np.sqrt(v + s**2))
+    density = density * norm.pdf(np.log(s / prior.median), scale=prior.width)
+    within = density @ (2.0 * norm.cdf(found.sizes[ORDER] / s) - 1.0) / density.sum()
+    assert within == pytest.approx(0.6827, abs=4e-3)  # to its grid of sizes
 
 
 # --- splines and their smooth coordinates ---
