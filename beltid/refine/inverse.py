@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -103,13 +103,10 @@ def refine_surface(
     surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
     simulated, or if the iteration does not converge.
     """
-    measured, start = campaign.measured, campaign.bench.surface
-    rig, fits = RigRuns(campaign, speeds, MESH), list[Problem]()
-    for _ in range(2):  # the second time with the knots where forces act with the first solution
-        fits.append(Problem(rig, start, measured, reference_degC))
-        fits[-1].solve()
-        start = fits[-1].tabulated()
-    first, fit = fits
+    measured, rig = campaign.measured, RigRuns(campaign, speeds, MESH)
+    first = Problem(rig, campaign.bench.surface, measured, reference_degC).solved()
+    # with the knots where forces act with the first solution
+    fit = Problem(rig, first.tabulated(), measured, reference_degC).solved()
     curves, posterior, q, left = fit.curves, fit.posterior, fit.at.size, list(sources)
     parameters = curves.B @ fit.at
     at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
@@ -130,7 +127,7 @@ def refine_surface(
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors = gain @ changes
-    noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    noise_scale = np.sqrt(np.mean(runs.variance(posterior.sizes) / np.square(runs.errors)))
     warnings, iterations = list[str](), first.iterations + fit.iterations
     if not posterior.converged:
         warnings.append(
@@ -143,7 +140,7 @@ def refine_surface(
         )
     scatter = factor_of(curves.B @ own @ curves.B.T)
     factor = curves.at_nodes(fit.forces, np.hstack([curves.B @ shared, scatter]))
-    mu, relative = start.mu_nodes, np.linalg.norm(factor[..., len(sources) :], axis=-1)
+    mu, relative = fit.tabulated().mu_nodes, np.linalg.norm(factor[..., len(sources) :], axis=-1)
     names = [source.name for source in left]
     surface = FrictionSurface(fit.forces, rig.speeds, mu, mu * relative, factor, names)
     return RefinedSurface(
@@ -161,7 +158,7 @@ def refine_surface(
         misfit_before=first.misfit_before,
         misfit_after=np.expm1(fit.done.log_mu - fit.log_mu),
         iterations=iterations,
-        noise_scale=float(np.sqrt(np.mean(noise))),
+        noise_scale=float(noise_scale),
         effective_parameters=float(np.sum(gain * posterior.model.X[:, 0].T)),
         warnings=tuple(warnings),
     )
@@ -207,7 +204,7 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
 class Problem:
     """The runs on the simulated rig and their measured values; knots where forces act.
 
-    After :meth:`solve`: the coordinates `at`, the runs `done` with them, the last linear model
+    When :meth:`solved`: the coordinates `at`, the runs `done` with them, the last linear model
     `runs` with its `posterior` and the `weight` of each run (1, less for outliers), the number of
     `iterations`, and `still_changing`, the last change of ln mu without convergence, else 0.
     """
@@ -243,7 +240,7 @@ class Problem:
         errors = self.errors / np.sqrt(weight)
         return LinearRuns(y, parts, errors, response, effects, self.priors)
 
-    def solve(self) -> None:
+    def solved(self) -> Self:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
         residual, sizes = np.zeros(self.log_mu.size), dict[str, float]()
         for iteration in range(1, MOST_ITERATIONS + 1):
@@ -270,6 +267,7 @@ class Problem:
             )
         self.runs, self.posterior, self.iterations = runs, posterior, iteration
         self.still_changing = 0.0 if settled else change
+        return self
 
     def _descend(self, runs: LinearRuns, posterior: Posterior) -> tuple[float, float, float]:
         """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.

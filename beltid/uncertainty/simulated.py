@@ -179,7 +179,6 @@ def residual_changes(
     return changes_by(sources, residual), slopes
 
 
-DIGITS = 5  # of what is stored
 MESH_SHARE = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
@@ -214,11 +213,8 @@ class RunsUncertainty:
         return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
-        """Return it as JSON data, with as many digits as an uncertainty needs."""
-        short = np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"), otypes=[float])
-        arrays = {name: short(getattr(self, name)).tolist() for name in ARRAYS}
-        sources = [asdict(source) for source in self.sources]
-        return {"sources": sources, "runs": list(self.runs), **arrays}
+        """Return it as JSON data."""
+        return {name: value for name, value in asdict(self).items() if name != "mu"}
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
@@ -261,9 +257,8 @@ def simulated_uncertainty(
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
     tight, slack, mu = np.array([(r.tension_tight_N, r.tension_slack_N, r.mu) for r in runs]).T
-    arcs = np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
-    by_arc = {ARC: response[:, None] * arcs}
-    measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)
+    by_arc = response[:, None] * np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
+    measured = replace(campaign.measured, tight=tight, slack=slack, columns={ARC: by_arc})
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
     campaign = replace(campaign, measured=measured)
@@ -313,7 +308,7 @@ def validated(
     """
     of_measured, of_simulated = result.rows
     mu = result.columns["mu_measured"]
-    none, labels = np.zeros(mu.size), [str(simulated["run"][i]) for i in of_simulated]
+    none, labels = np.zeros(mu.size), [str(label) for label in simulated["run"][of_simulated]]
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
@@ -321,27 +316,27 @@ def validated(
 
     whole, own = (column(measured, f"mu_sliding_{of}", of_measured) / mu for of in ("u", "se"))
     whole = np.where(whole > 0.0, whole, own)
-    of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
-    shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
+    sources, difference, by_input = tuple[Source, ...](), np.zeros((mu.size, 0)), none[:, None]
+    of_runs, numerical, missed = whole, none, none
+    of_surface = column(simulated, "mu_sliding_se", of_simulated) / mu
     is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
-    if uncertainty is None or not is_known:
-        shared, of_runs, nothing = {}, whole, np.zeros((mu.size, 0))
-        scatter = column(simulated, "mu_sliding_se", of_simulated) / mu
-        arrays = nothing, nothing, scatter, none, np.zeros((mu.size, 2))
-        uncertainty = RunsUncertainty((), tuple(labels), *arrays)
-    rows = [uncertainty.runs.index(label) for label in labels]
-    # if the surface was built from these runs, an error of their reduction changes both
-    sources = with_sources(uncertainty.sources, reduction_sources(shared))
-    difference = np.zeros((mu.size, len(sources)))
-    difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
-    for k, source in enumerate(sources):
-        difference[:, k] -= shared.get(source.error, none)
-    actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
-    nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
-    known = (actual > 0.0) & (nominal > 0.0)
-    ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
-    missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
-    of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+    if uncertainty is not None and is_known:
+        rows = [uncertainty.runs.index(label) for label in labels]
+        of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
+        shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
+        # if the surface was built from these runs, an error of their reduction changes both
+        sources = with_sources(uncertainty.sources, reduction_sources(shared))
+        difference = np.zeros((mu.size, len(sources)))
+        difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
+        for k, source in enumerate(sources):
+            difference[:, k] -= shared.get(source.error, none)
+        actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
+        nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
+        known = (actual > 0.0) & (nominal > 0.0)
+        ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
+        missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
+        of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+        by_input = uncertainty.simulated[rows]
     parts = {
         "scatter of the measured runs": of_runs,
         "scatter behind the simulated runs": of_surface,
@@ -349,7 +344,7 @@ def validated(
         "settings that the bench missed": np.abs(missed),
     }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
-    u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *by_input.T], axis=0)
     known_u = np.where(u_validation > 0.0, u_validation, np.nan)
     e_over_u = result.columns["relative_difference"] / known_u
     result = replace(result, rms_over_u=float(np.sqrt(np.mean(np.square(e_over_u)))))

@@ -164,10 +164,10 @@ def test_an_iteration_that_finds_nothing_better_ends_with_its_last_change(
     of, changes = campaign("5pk", 0.005, TWO), [5e-5] * CHOICES + [2e-4] * CHOICES
     fit = Problem(RigRuns(of, TWO, MESH), of.bench.surface, of.measured, None)
     monkeypatch.setattr(Problem, "_descend", lambda *_: (0.0, changes.pop(0), 1.0))
-    fit.solve()
+    fit.solved()
     assert (fit.iterations, fit.still_changing) == (CHOICES, 5e-5)  # said in a warning
     with pytest.raises(ConvergenceError, match=f"in {CHOICES} iterations"):
-        fit.solve()
+        fit.solved()
 
 
 def test_a_step_that_cannot_be_simulated_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
