@@ -52,8 +52,8 @@ def sources_of_plan(
     arcs_deg: Sequence[float],
 ) -> tuple[Source, ...]:
     """List the shared errors of a known surface, then the additional ones of arcs [deg]."""
-    stored = () if known is None else tuple(known.sources)
-    _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
+    stored, known_arcs = ((), ()) if known is None else (known.sources, known.arcs_deg)
+    _, arcs = numbered_arcs(arcs_deg, known_arcs)
     size = next((source.size for source in stored if source.error == ARC), PRIORS[ARC].median)
     every = stated_sources(stated, SURFACE, len(arcs))
     return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
@@ -143,8 +143,8 @@ def settings_of_rig(
     arcs_deg: Sequence[float], tensions: Sequence[float], omegas: Sequence[float]
 ) -> list[OperatingPoint]:
     """List every combination of arcs [deg], tensions [N], speeds [rad/s]; the last varies most."""
-    every = itertools.product(map(math.radians, arcs_deg), tensions, omegas)
-    return list(itertools.starmap(OperatingPoint, every))
+    every = itertools.product(arcs_deg, tensions, omegas)
+    return [OperatingPoint(math.radians(arc), T_0, omega) for arc, T_0, omega in every]
 
 
 def simulate_candidates(

@@ -73,9 +73,9 @@ class RefinedSurface:
     curves: Curves  # the splines from which the surface was tabulated
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign
-    stated: tuple[Source, ...]  # errors that runs share, as stated
-    stated_errors: tuple[Array, Array]
-    """What the runs say of them: mean and standard deviation in standard uncertainties, (K'')."""
+    stated_errors: tuple[tuple[Source, float, float], ...]
+    """Each error that runs share as stated, and what the runs say of it: mean and standard
+    deviation in standard uncertainties."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
     posterior: Posterior  # estimate of surface and effects
     covariance: Array  # of surface and effects, by noise and errors that runs share, (k, k)
@@ -113,10 +113,11 @@ def refine_surface(
     changes, _ = residual_changes(campaign, sources, *at, exact=not sources)
     runs = replace(fit.runs, shared=-changes)
     mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
-    told = mean, np.sqrt(np.diag(covariance))
-    for k, source in enumerate(sources):
+    deviation = np.sqrt(np.diag(covariance)).tolist()
+    told = tuple(zip(sources, mean.tolist(), deviation, strict=True))
+    for k, (source, error, sd) in enumerate(told):
         if source.error == "bending_stiffness":  # with what the runs leave of its error
-            share = min(1.0, float(np.hypot(*told)[k]))
+            share = min(1.0, math.hypot(error, sd))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
     gain = runs.gain(posterior)
@@ -149,7 +150,6 @@ def refine_surface(
         curves=curves,
         parameters=parameters,
         campaign=campaign,
-        stated=tuple(sources),
         stated_errors=told,
         runs=runs,
         posterior=posterior,
@@ -320,9 +320,8 @@ class ShownEffect(NamedTuple):
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = zip(np.abs(found.stated_errors[0]).tolist(), found.stated, strict=True)
-    rising = sorted(sizes, key=lambda pair: pair[0])
-    return {source.name: size for size, source in rising if size > CLEAR}
+    rising = sorted((abs(error), source.name) for source, error, _ in found.stated_errors)
+    return {name: size for size, name in rising if size > CLEAR}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:

@@ -69,7 +69,8 @@ def planned(
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     sources = sources_of_plan(known, stated, [float(np.degrees(p.beta)) for p in points])
     other = [] if known is None else known.stated_otherwise(stated)
-    noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
+    scale = getattr(surface, "facts", {}).get("noise_over_stated_errors") or 1.0
+    noise, columns = _noise(noise_of, scale, config)
     log.info("%d candidates, simulated with the present surface", len(points))
     bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
     try:
@@ -183,7 +184,6 @@ def _known_surface(surface: Any) -> SurfaceUncertainty:
         surface=found,
         sources=tuple(Source(**row) for row in stored["sources"]),
         arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
-        noise_scale=surface.facts.get("noise_over_stated_errors") or 1.0,
     )
 
 

@@ -297,7 +297,7 @@ def refined(
         notes=(
             *_unclear(result.effects),
             *_bending_stiffness(found),
-            *guided_weight(config, measured.points),
+            *guided_weight(config, measured.beta, measured.T_0),
             *notes,
         ),
         warnings=(*found.warnings, *_disagreement(result)),
@@ -422,7 +422,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
+    for source, error, sd in found.stated_errors:
         if source.error == "bending_stiffness":
             stated = f"{EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis})"
             shown = f"{EI * (1 + source.size * error):.4g} N m² ± {100 * source.size * sd:.2g} %"

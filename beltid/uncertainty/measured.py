@@ -27,7 +27,7 @@ from beltid.laws.capstan import (
 )
 from beltid.laws.penalty import NormalLaw
 from beltid.mixed import root
-from beltid.params import GivenForce, OperatingPoint
+from beltid.params import GivenForce
 from beltid.uncertainty.sources import (
     BENT,
     LAW,
@@ -133,11 +133,6 @@ class Measured:
     def slip_speed(self) -> Array:
         """Sliding speed, Eq. (7) [m/s]."""
         return sliding_speed(self.omega, self.R)
-
-    @property
-    def points(self) -> list[OperatingPoint]:
-        """Settings of the runs."""
-        return list(map(OperatingPoint, self.beta, self.T_0, self.omega))
 
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.

@@ -258,7 +258,6 @@ class SurfaceUncertainty:
     surface: FrictionSurface  # with the factor of its covariance
     sources: Sequence[Source]  # errors that all nodes share
     arcs_deg: Array  # arc settings in the order in which the sources number them [deg]
-    noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
     def stated_otherwise(self, stated: StandardUncertainties) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
