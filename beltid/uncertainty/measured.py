@@ -25,7 +25,7 @@ from beltid.laws.capstan import (
     tensions_by_hub_force,
     tensions_by_torque,
 )
-from beltid.laws.penalty import NormalLaw
+from beltid.laws.penalty import NormalLaw, elastic_force, elastic_stiffness
 from beltid.mixed import root
 from beltid.params import GivenForce
 from beltid.uncertainty.sources import (
@@ -57,31 +57,23 @@ class PressLaw:
     def coefficients(self, errors: Errors) -> Array:
         """Return the coefficients (2,) with errors corrected; negative ones become zero.
 
-        Force and segment length scale both of Eq. (3), a gain of the travel divides them by
-        (1 + e) and (1 + e)².
+        The law is fitted to its own curve with errors corrected, and with a free contact point, of
+        which the force f per length has the derivative f'. A compliance c moves a point by c L f
+        along the travel, which changes its force by f' c L f.
         """
-        scatter = root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
-        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3]) + scatter
-        k += self._per_compliance() * errors.at("machine_compliance")
-        force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
-        travel = (1.0 + errors.at("press_displacement")) ** np.array([1.0, 2.0])
-        corrected = k * (force / (1.0 + errors.at("segment_length"))) / travel
-        return np.asarray(np.maximum(corrected, 0.0))
-
-    def _per_compliance(self) -> Array:
-        """Return the change of the coefficients (2,) per corrected compliance [m/N].
-
-        A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
-        f is projected on (delta, delta², f'(delta)), as the contact point is free.
-        """
+        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
+        present = np.append(k > 0.0, True)
+        k += root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
         delta = self.max_penetration_m * np.linspace(0.0, 1.0, 200)[1:]
-        slope, force = self.law.stiffness(delta), self.law.force(delta)
-        present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
-        design = np.column_stack([delta, delta**2, slope])[:, present]
-        size, change = np.linalg.norm(design, axis=0), np.zeros(3)
-        moved = slope * self.segment_length_m * force
-        change[present] = np.linalg.lstsq(design / size, moved, rcond=None)[0] / size
-        return change[:2]  # the last one moves the contact point
+        force, slope = elastic_force(delta, *k), elastic_stiffness(delta, *k)
+        force = force * (1.0 + errors.at("machine_compliance") * self.segment_length_m * slope)
+        force *= (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
+        travel = delta * (1.0 + errors.at("press_displacement"))
+        design = np.column_stack([travel, travel**2, slope])[:, present]
+        size, fitted = np.linalg.norm(design, axis=0), np.zeros(3)
+        per_length = force / (1.0 + errors.at("segment_length"))
+        fitted[present] = np.linalg.lstsq(design / size, per_length, rcond=None)[0] / size
+        return np.maximum(fitted[:2], 0.0)  # the last one moves the contact point
 
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
