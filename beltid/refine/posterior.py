@@ -187,12 +187,12 @@ class LinearRuns:
         fits = map(self.model().fit, [start, *others])
         return max(fits, key=lambda fit: fit.log_evidence)
 
-    def log_evidence_for(self, *keys: str) -> float:
-        """Compute the log of the probability ratio of the data with and without some effects.
+    def log_evidence_for(self, effect: str) -> float:
+        """Compute the log of the probability ratio of the data with and without an effect.
 
-        All sizes are chosen again without them, as others may explain the same.
+        All sizes are chosen again without it, as others may explain the same.
         """
-        others = {key: Z for key, Z in self.effects.items() if key not in keys}
+        others = {key: Z for key, Z in self.effects.items() if key != effect}
         without = replace(self, effects=others)._best({})
         return self._best({}).log_evidence - without.log_evidence
 

@@ -374,7 +374,7 @@ def stiffness_uncertainty(
     k = np.array([(law.k_linear_N_m2, law.k_quadratic_N_m3) for law in laws])
     size = np.where(k > 0.0, k, 1.0)
     scatter = np.array([(law.k_linear_se_N_m2, law.k_quadratic_se_N_m3) for law in laws]) / size
-    fits = [PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws]
+    fits = (PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws)
     changes = [changes_by(sources, fit.coefficients) for fit in fits]
     relative = np.array(changes) / size[..., None]
     u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []

@@ -79,8 +79,8 @@ def simulated_runs(
     """Return simulated runs as if their tensions, or those at rest, had been measured exactly."""
     beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
     tight, slack = (T_0, T_0) if tensions is None else tensions
-    settings, given = (bench.rig.R, arc, beta, T_0, omega), bench.rig.given_force
-    return Measured(*settings, tight, slack, np.zeros(T_0.size), kind=kind, given_force=given)
+    runs = bench.rig.R, arc, beta, T_0, omega, tight, slack, np.zeros(T_0.size)
+    return Measured(*runs, kind=kind, given_force=bench.rig.given_force)
 
 
 def look_ups(run: RunResult, surface: FrictionSurface) -> tuple[Array, Array]:
