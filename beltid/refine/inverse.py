@@ -110,7 +110,7 @@ def refine_surface(
     curves, posterior, q, left = fit.curves, fit.posterior, fit.at.size, list(sources)
     parameters = curves.B @ fit.at
     at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
-    changes, _ = residual_changes(campaign, sources, *at, exact=not sources)
+    changes, _ = residual_changes(campaign, sources, *at)
     runs = replace(fit.runs, shared=-changes)
     mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
     deviation = np.sqrt(np.diag(covariance)).tolist()
@@ -312,8 +312,9 @@ class ShownEffect(NamedTuple):
     by 10 K; beside the steady change (root mean square); or the standard deviation of scatter."""
     uncertainty: float  # standard uncertainty of the size; nan for the scatter
     arcs_deg: tuple[float, ...] = ()  # with the lower and the higher friction, of an arc effect
-    explained: float = math.nan  # share that force and speed of the runs explain; nan for arcs
-    is_confounded: bool = False  # whether the runs cannot separate it from the surface
+    explained: float = math.nan
+    """Share that force and speed of the runs explain, nan for arcs; above :data:`CONFOUNDED` the
+    runs cannot separate it from the surface."""
     is_large: bool = False  # whether it far exceeds its uncertainty, and no surface explains it
     is_clear: bool = False  # whether, besides, no other effect explains the runs equally well
 
@@ -343,9 +344,8 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
         change = found.runs.response * (columns[key] @ found.posterior.of(key)[0])
         explained = math.nan if key == ARC else found.runs.explained(change, found.posterior.sizes)
-        hidden = explained > CONFOUNDED
-        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
+        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not explained > CONFOUNDED
         clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search
         of_arcs = arcs if key == ARC else ()
-        effects.append(ShownEffect(key, size, u, of_arcs, explained, hidden, large, clear))
+        effects.append(ShownEffect(key, size, u, of_arcs, explained, large, clear))
     return (*effects, ShownEffect(SCATTER, found.posterior.sizes[SCATTER], math.nan))

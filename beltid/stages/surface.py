@@ -20,6 +20,7 @@ from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
+    CONFOUNDED,
     RefinedSurface,
     ShownEffect,
     contradictions,
@@ -411,7 +412,7 @@ def _disagreement(result: Refinement) -> Iterator[str]:
 
 def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     """Yield notes on effects that the runs cannot tell from the surface, or from others."""
-    confounded = [effect for effect in effects if effect.is_confounded]
+    confounded = [effect for effect in effects if effect.explained > CONFOUNDED]
     hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
     if hidden:
         yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"

@@ -35,6 +35,8 @@ from beltid.rig.runs import RunResult, lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
+    EFFECT_SOURCES,
+    REDUCTION_SOURCES,
     Errors,
     Source,
     budget,
@@ -149,17 +151,16 @@ def residual_changes(
     surfaces: Sequence[FrictionSurface],
     speeds: Array,
     speed_slope: Array,
-    exact: bool = False,
 ) -> tuple[Array, Array]:
     """Compute the change of measured minus simulated ln mu by one u of each source (n, K).
 
     `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
     of each run by ln v (n,). Also returned are the derivatives of the simulated ln mu by the ln of
-    `INPUTS` (n, 8), zero if these are `exact`.
+    `INPUTS` (n, 8), zero if no source is an error of the bench.
     """
     before, slopes = campaign.measured, np.zeros((campaign.measured.mu.size, len(INPUTS)))
     inputs = campaign.inputs(before, Errors())
-    if not exact:
+    if not {source.error for source in sources} <= {*REDUCTION_SOURCES, *EFFECT_SOURCES}:
         rig, steps = RigRuns(campaign, speeds, MESH), 1.0 + STEP * np.eye(len(INPUTS))
         nominal = rig.log_mu(surfaces, speed_slope)
         for k, step in enumerate(steps):
@@ -262,7 +263,7 @@ def simulated_uncertainty(
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
     campaign = replace(campaign, measured=measured)
-    changes, slopes = residual_changes(campaign, sources, surfaces, speeds, speed_slope, same_bench)
+    changes, slopes = residual_changes(campaign, sources, surfaces, speeds, speed_slope)
     difference = by_surface - changes
     finer = RigRuns(campaign, speeds, [2 * (model.nodes.size - 1) for model in rig.models])
     by_mesh = np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu))
