@@ -38,7 +38,7 @@ from beltid.plan.candidates import (
 )
 from beltid.plan.design import Plan, Target, choose_plan, schedule, surface_target
 from beltid.refine.inverse import refine_surface
-from beltid.refine.posterior import BEFORE
+from beltid.refine.posterior import PRIORS
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, SURFACE, StandardUncertainties, stated_sources
@@ -103,7 +103,7 @@ def synthetic(
     **more: Any,
 ) -> SyntheticBench:
     """A bench whose arcs differ as the prior says."""
-    effect, settings = BEFORE[ARC].median, more.pop("settings", FACTORIAL)
+    effect, settings = PRIORS[ARC].median, more.pop("settings", FACTORIAL)
     return SyntheticBench(Design(settings, 0.0, given, mu, effect, **more), noise, runs)
 
 
@@ -180,7 +180,7 @@ def error_and_uncertainty(
     speeds = np.unique(measured.slip_speed)
     sources = stated_sources(design.given, SURFACE, int(measured.arc.max()) + 1)
     found = refine_surface(design.campaign(measured), speeds, sources)
-    surface = found.surface.with_covariance(found.uncertainty.factor)
+    surface = found.surface
     f, v = target.normal_force, target.slip_speed
     u = np.asarray(surface.mu_u(f, v) / surface.mu(f, v))
     return np.log(surface.mu(f, v) / design.mu(f, v)), u

@@ -24,7 +24,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.plan.design import SAME_SPEED, Knowledge, RunRows
 from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
-from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS, SPEED_BEND, Curves
+from beltid.refine.posterior import CURVE, DIFFERENCE, PRIORS, SPEED_BEND, Curves
 from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
 from beltid.uncertainty.simulated import MESH, Campaign, RigRuns, residual_changes, simulated_runs
@@ -52,9 +52,9 @@ def sources_of_plan(
     arcs_deg: Sequence[float],
 ) -> tuple[Source, ...]:
     """List the shared errors of a known surface, then the additional ones of arcs [deg]."""
-    stored = () if known is None else tuple(known.sources)
-    _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
-    size = next((source.size for source in stored if source.error == ARC), BEFORE[ARC].median)
+    stored, known_arcs = ((), ()) if known is None else (known.sources, known.arcs_deg)
+    _, arcs = numbered_arcs(arcs_deg, known_arcs)
+    size = next((source.size for source in stored if source.error == ARC), PRIORS[ARC].median)
     every = stated_sources(stated, SURFACE, len(arcs))
     return with_sources(stored, (*every, *effect_sources(ARC, size, len(arcs))))
 
@@ -91,14 +91,14 @@ def knowledge_at(curves: Curves, measured: SurfaceUncertainty | None, n_errors: 
     changes = np.zeros((prior.shape[0], n_errors))
     if measured is None:
         return Knowledge(prior, changes)
-    nf, nv, n_known = measured.changes.shape
     of_force = np.searchsorted(curves.log_force, np.log(measured.surface.normal_force_N_m) - 1.0e-9)
     of_speed = np.searchsorted(curves.log_speed, np.log(measured.surface.slip_speed_m_s) - 1.0e-9)
     nodes = np.add.outer(of_force, of_speed * curves.log_force.size).ravel()
     follows = np.linalg.solve(prior[np.ix_(nodes, nodes)], prior[nodes]).T
-    factor = follows @ measured.scatter.reshape(nf * nv, -1)
-    changes[:, :n_known] = follows @ measured.changes.reshape(nf * nv, -1)
-    return Knowledge(factor @ factor.T + prior - follows @ prior[nodes], changes)
+    factor = follows @ measured.factor.reshape(nodes.size, -1)
+    known, scatter = np.split(factor, [len(measured.sources)], axis=1)
+    changes[:, : known.shape[1]] = known
+    return Knowledge(scatter @ scatter.T + prior - follows @ prior[nodes], changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +143,8 @@ def settings_of_rig(
     arcs_deg: Sequence[float], tensions: Sequence[float], omegas: Sequence[float]
 ) -> list[OperatingPoint]:
     """List every combination of arcs [deg], tensions [N], speeds [rad/s]; the last varies most."""
-    every = itertools.product(map(math.radians, arcs_deg), tensions, omegas)
-    return list(itertools.starmap(OperatingPoint, every))
+    every = itertools.product(arcs_deg, tensions, omegas)
+    return [OperatingPoint(math.radians(arc), T_0, omega) for arc, T_0, omega in every]
 
 
 def simulate_candidates(

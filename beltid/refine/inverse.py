@@ -14,16 +14,24 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from beltid.errors import ConvergenceError, NumericsError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Array, Posterior
-from beltid.refine.posterior import SCATTER, SHARED_ERRORS, Curves, LinearRuns, campaign_effects
+from beltid.refine.posterior import (
+    IF_CORRECTED,
+    PRIORS,
+    SCATTER,
+    SHARED_ERRORS,
+    Curves,
+    LinearRuns,
+    campaign_effects,
+)
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.simulated import Campaign, RigRuns, residual_changes
+from beltid.uncertainty.simulated import Campaign, RigRuns, look_ups, residual_changes
 from beltid.uncertainty.sources import (
     ARC,
     COURSE,
@@ -58,15 +66,16 @@ OUTLIER, LEAST_SCALE = 3.5, 0.5
 class RefinedSurface:
     """Solution of the inverse problem."""
 
-    surface: FrictionSurface  # with the standard errors of its nodes by scatter and effects
+    surface: FrictionSurface
+    """With its covariance, and the standard errors of its nodes by scatter and effects."""
     uncertainty: SurfaceUncertainty
-    """Its covariance by causes; the bending stiffness with what the runs leave of its error."""
+    """The covariance by causes; the bending stiffness with what the runs leave of its error."""
     curves: Curves  # the splines from which the surface was tabulated
     parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign
-    stated: tuple[Source, ...]  # errors that runs share, as stated
-    stated_errors: tuple[Array, Array]
-    """What the runs say of them: mean and standard deviation in standard uncertainties, (K'')."""
+    stated_errors: tuple[tuple[Source, float, float], ...]
+    """Each error that runs share as stated, and what the runs say of it: mean and standard
+    deviation in standard uncertainties."""
     runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
     posterior: Posterior  # estimate of surface and effects
     covariance: Array  # of surface and effects, by noise and errors that runs share, (k, k)
@@ -94,36 +103,32 @@ def refine_surface(
     surface is corrected; by default that of the runs. Raises `ConvergenceError` if a run cannot be
     simulated, or if the iteration does not converge.
     """
-    measured, start, n = campaign.measured, campaign.bench.surface, campaign.measured.mu.size
-    rig, fits = RigRuns(campaign, speeds, MESH), list[Problem]()
-    for _ in range(2):  # the second time with the knots where forces act with the first solution
-        fits.append(Problem(rig, start, measured, reference_degC))
-        fits[-1].solve()
-        start = fits[-1].tabulated()
-    first, fit = fits
-    curves, posterior, runs, q = fit.curves, fit.posterior, fit.runs, fit.at.size
-    parameters, changes = curves.B @ fit.at, np.zeros((n, len(sources)))
-    told, left = (np.zeros(0), np.zeros(0)), list(sources)
-    if sources:
-        at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
-        changes, _ = residual_changes(campaign, sources, *at)
-        runs = replace(runs, shared=-changes)
-        mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
-        told = mean, np.sqrt(np.diag(covariance))
-    for k, source in enumerate(sources):
+    measured, rig = campaign.measured, RigRuns(campaign, speeds, MESH)
+    first = Problem(rig, campaign.bench.surface, measured, reference_degC).solved()
+    # with the knots where forces act with the first solution
+    fit = Problem(rig, first.tabulated(), measured, reference_degC).solved()
+    curves, posterior, q, left = fit.curves, fit.posterior, fit.at.size, list(sources)
+    parameters = curves.B @ fit.at
+    at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
+    changes, _ = residual_changes(campaign, sources, *at)
+    runs = replace(fit.runs, shared=-changes)
+    mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
+    deviation = np.sqrt(np.diag(covariance)).tolist()
+    told = tuple(zip(sources, mean.tolist(), deviation, strict=True))
+    for k, (source, error, sd) in enumerate(told):
         if source.error == "bending_stiffness":  # with what the runs leave of its error
-            share = min(1.0, math.hypot(told[0][k], told[1][k]))
+            share = min(1.0, math.hypot(error, sd))
             left[k] = replace(source, size=share * source.size, basis=FITTED)
             changes[:, k] *= share
     gain = runs.gain(posterior)
-    for e in runs.effects:
-        left += effect_sources(e.key, posterior.sizes[e.key], e.columns.shape[1])
-    by_effects = (posterior.sizes[e.key] * e.columns for e in runs.effects)
+    for key, Z in runs.effects.items():
+        left += effect_sources(key, posterior.sizes[key], Z.shape[1])
+    by_effects = (posterior.sizes[key] * Z for key, Z in runs.effects.items())
     shared = gain[:q] @ np.hstack([changes, *by_effects])
     of_effects = shared[:, len(sources) :]
     own = posterior.covariance[:q, :q] - of_effects @ of_effects.T
     by_errors = gain @ changes
-    noise = runs.variance(posterior.sizes) / np.square(runs.errors)
+    noise_scale = np.sqrt(np.mean(runs.variance(posterior.sizes) / np.square(runs.errors)))
     warnings, iterations = list[str](), first.iterations + fit.iterations
     if not posterior.converged:
         warnings.append(
@@ -134,23 +139,17 @@ def refine_surface(
             f"no convergence in {iterations} iterations: last change of mu "
             f"{percent(100 * fit.still_changing)}, must be at most {percent(100 * TOLERANCE)}"
         )
-    at_nodes = curves.at_nodes(fit.forces, curves.B @ shared)
-    scatter = curves.at_nodes(fit.forces, factor_of(curves.B @ own @ curves.B.T))
-    of_fit = np.concatenate([at_nodes[..., len(sources) :], scatter], axis=-1)
-    surface = fit.tabulated(np.linalg.norm(of_fit, axis=-1))
+    scatter = factor_of(curves.B @ own @ curves.B.T)
+    factor = curves.at_nodes(fit.forces, np.hstack([curves.B @ shared, scatter]))
+    mu, relative = fit.tabulated().mu_nodes, np.linalg.norm(factor[..., len(sources) :], axis=-1)
+    names = [source.name for source in left]
+    surface = FrictionSurface(fit.forces, rig.speeds, mu, mu * relative, factor, names)
     return RefinedSurface(
         surface=surface,
-        uncertainty=SurfaceUncertainty(
-            surface=surface,
-            sources=left,
-            changes=at_nodes,
-            scatter=scatter,
-            arcs_deg=measured.arcs_deg,
-        ),
+        uncertainty=SurfaceUncertainty(surface, left, measured.arcs_deg),
         curves=curves,
         parameters=parameters,
         campaign=campaign,
-        stated=tuple(sources),
         stated_errors=told,
         runs=runs,
         posterior=posterior,
@@ -159,7 +158,7 @@ def refine_surface(
         misfit_before=first.misfit_before,
         misfit_after=np.expm1(fit.done.log_mu - fit.log_mu),
         iterations=iterations,
-        noise_scale=float(np.sqrt(np.mean(noise))),
+        noise_scale=float(noise_scale),
         effective_parameters=float(np.sum(gain * posterior.model.X[:, 0].T)),
         warnings=tuple(warnings),
     )
@@ -177,15 +176,16 @@ class Sweep(NamedTuple):
 def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     """Simulate every run with the surface of its speed and compute the derivatives."""
     n, m, k = rig.label.size, curves.log_speed.size, curves.log_force.size
-    runs, J = rig.slide(curves.surfaces(parameters)), np.zeros((n, m, k))
-    for i, run in enumerate(runs):
-        force, weight = run.look_ups()
-        J[i, rig.label[i]] = weight @ curves.basis(np.log(force))
+    surfaces, J = curves.surfaces(parameters), np.zeros((n, m, k))
+    runs = rig.slide(surfaces)
+    for i, (run, speed) in enumerate(zip(runs, rig.label.tolist(), strict=True)):
+        force, weight = look_ups(run, surfaces[speed])
+        J[i, speed] = weight @ curves.basis(np.log(force))
     # small deviations from the speed of the group are corrected by the slope between the speeds
     of_speeds = parameters.reshape(m, k)
     by_speed = np.gradient(of_speeds, curves.log_speed, axis=0) if m > 1 else 0.0 * of_speeds
     speed_slope = np.sum(J * by_speed, axis=(1, 2))
-    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
+    tight, slack, mu = np.array([(r.tension_tight_N, r.tension_slack_N, r.mu) for r in runs]).T
     log_mu = np.log(mu) + rig.off_speed * speed_slope
     return Sweep(np.array([tight, slack]), log_mu, J.reshape(n, m * k), speed_slope)
 
@@ -194,10 +194,9 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
     """Return line forces [N/m]: the lowest limits of both :data:`SHARES`, and the peak."""
     acting = []
     for run in rig.slide([start] * rig.speeds.size):
-        force, _ = run.look_ups()
-        order = np.argsort(force)
-        share = np.cumsum(run.state.now[run.state.touching]["F_N"][order])
-        acting.append([*np.interp(SHARES, share / share[-1], force[order]), force.max()])
+        points = np.sort(run.sliding.now[run.sliding.touching], order="f_N")
+        share, force = np.cumsum(points["F_N"]), points["f_N"]
+        acting.append([*np.interp(SHARES, share / share[-1], force), force[-1]])
     lowest, low, peak = np.array(acting).T
     return float(lowest.min()), float(low.min()), float(peak.max())
 
@@ -205,7 +204,7 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> tuple[float, float, f
 class Problem:
     """The runs on the simulated rig and their measured values; knots where forces act.
 
-    After :meth:`solve`: the coordinates `at`, the runs `done` with them, the last linear model
+    When :meth:`solved`: the coordinates `at`, the runs `done` with them, the last linear model
     `runs` with its `posterior` and the `weight` of each run (1, less for outliers), the number of
     `iterations`, and `still_changing`, the last change of ln mu without convergence, else 0.
     """
@@ -218,6 +217,7 @@ class Problem:
         inside, gap = np.linspace(np.log(low), np.log(high), KNOTS, retstep=True)
         below = inside[0] - gap * np.arange(math.ceil((inside[0] - np.log(lowest)) / gap), 0, -1)
         self.rig, self.effects = rig, campaign_effects(measured, reference_degC)
+        self.priors = PRIORS if reference_degC is None else {**PRIORS, **IF_CORRECTED}
         self.curves = Curves(np.concatenate([below, inside]), np.log(rig.speeds))
         self.forces = np.geomspace(low, high, KNOTS)  # nodes of the surface
         self.log_mu = np.log(measured.mu)
@@ -227,21 +227,20 @@ class Problem:
         self.done = sweep(rig, self.curves, self.curves.B @ self.at)
         self.misfit_before = np.expm1(self.done.log_mu - self.log_mu)
 
-    def tabulated(self, relative: Array | None = None) -> FrictionSurface:
-        """Tabulate the curves at the nodes, with relative standard errors if they are known."""
-        parameters = self.curves.B @ self.at
-        mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
-        se = None if relative is None else mu * relative
-        return FrictionSurface(self.forces, self.rig.speeds, mu, se)
+    def tabulated(self) -> FrictionSurface:
+        """Tabulate the curves at the nodes."""
+        log_mu = self.curves.at_nodes(self.forces, self.curves.B @ self.at)[..., 0]
+        return FrictionSurface(self.forces, self.rig.speeds, np.exp(log_mu))
 
     def linearised(self, weight: Array, response: Array) -> LinearRuns:
         """Linearise the data about the simulated runs; `response` (n,) is theirs to effects."""
-        effects = (replace(e, columns=e.columns * response[:, None]) for e in self.effects)
+        effects = {key: Z * response[:, None] for key, Z in self.effects.items()}
         y = self.log_mu - self.done.log_mu + self.done.J @ (self.curves.B @ self.at)
         parts = {name: self.done.J @ columns for name, columns in self.curves.parts.items()}
-        return LinearRuns(y, parts, self.errors / np.sqrt(weight), response, tuple(effects))
+        errors = self.errors / np.sqrt(weight)
+        return LinearRuns(y, parts, errors, response, effects, self.priors)
 
-    def solve(self) -> None:
+    def solved(self) -> Self:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them."""
         residual, sizes = np.zeros(self.log_mu.size), dict[str, float]()
         for iteration in range(1, MOST_ITERATIONS + 1):
@@ -268,6 +267,7 @@ class Problem:
             )
         self.runs, self.posterior, self.iterations = runs, posterior, iteration
         self.still_changing = 0.0 if settled else change
+        return self
 
     def _descend(self, runs: LinearRuns, posterior: Posterior) -> tuple[float, float, float]:
         """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
@@ -312,22 +312,22 @@ class ShownEffect(NamedTuple):
     by 10 K; beside the steady change (root mean square); or the standard deviation of scatter."""
     uncertainty: float  # standard uncertainty of the size; nan for the scatter
     arcs_deg: tuple[float, ...] = ()  # with the lower and the higher friction, of an arc effect
-    explained: float = math.nan  # share that force and speed of the runs explain; nan for arcs
-    is_confounded: bool = False  # whether the runs cannot separate it from the surface
+    explained: float = math.nan
+    """Share that force and speed of the runs explain, nan for arcs; above :data:`CONFOUNDED` the
+    runs cannot separate it from the surface."""
     is_large: bool = False  # whether it far exceeds its uncertainty, and no surface explains it
     is_clear: bool = False  # whether, besides, no other effect explains the runs equally well
 
 
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
-    sizes = zip(np.abs(found.stated_errors[0]).tolist(), found.stated, strict=True)
-    rising = sorted(sizes, key=lambda pair: pair[0])
-    return {source.name: size for size, source in rising if size > CLEAR}
+    rising = sorted((abs(error), source.name) for source, error, _ in found.stated_errors)
+    return {name: size for size, name in rising if size > CLEAR}
 
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    columns = {e.key: e.columns / found.runs.response[:, None] for e in found.runs.effects}
+    columns = {key: Z / found.runs.response[:, None] for key, Z in found.runs.effects.items()}
     mean, C, arcs_deg = found.posterior.mean, found.covariance, found.uncertainty.arcs_deg
     unit = {key: np.eye(mean.size)[found.posterior.model.places[key]] for key in columns}
     rows, arcs = dict[str, Array](), ()  # sums of the numbers whose root mean square is the size
@@ -344,9 +344,8 @@ def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
         size = float(sizes[0]) if sizes.size == 1 else float(np.sqrt(np.mean(np.square(sizes))))
         change = found.runs.response * (columns[key] @ found.posterior.of(key)[0])
         explained = math.nan if key == ARC else found.runs.explained(change, found.posterior.sizes)
-        hidden = explained > CONFOUNDED
-        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not hidden
+        large = abs(size) > CLEAR * math.hypot(u, MODEL_ERROR) and not explained > CONFOUNDED
         clear = large and found.runs.log_evidence_for(key) > LEAST_EVIDENCE  # takes a search
         of_arcs = arcs if key == ARC else ()
-        effects.append(ShownEffect(key, size, u, of_arcs, explained, hidden, large, clear))
+        effects.append(ShownEffect(key, size, u, of_arcs, explained, large, clear))
     return (*effects, ShownEffect(SCATTER, found.posterior.sizes[SCATTER], math.nan))

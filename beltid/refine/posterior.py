@@ -14,7 +14,7 @@ would be taken for one of the bench; what the runs say of them is found beside i
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy.special import ndtr
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Array, Mixed, Own, Posterior, Shared, Size
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE, factor_of
 
 Sizes = Mapping[str, float]
 
@@ -41,13 +41,12 @@ PRIORS = {
     CURVE: Size(0.045, 0.75, largest=3.0),  # curvatures of ln mu over ln f_N of about 0.1
     DIFFERENCE: Size(0.03, 1.0, largest=3.0),  # slopes differ by some hundredths
     SHARED_ERRORS: Size(1.0),
-}
-BEFORE = {  # priors of the standard deviation of ln mu
     ARC: Size(3.0e-3, 1.5, largest=0.3),
     ORDER: Size(1.0e-2, 1.5, largest=0.3),
     COURSE: Size(3.0e-3, 1.5, largest=0.3),
     TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
+"""Priors of standard deviations, of ln mu for the scatter and the effects."""
 IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
 WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 LEAST_NOISE = 0.5  # few runs may fit by chance
@@ -78,11 +77,11 @@ class Curves:
         """Columns of B by the name of their part."""
         k, m = self.log_force.size, self.log_speed.size
         x, D = (self.log_force - self.log_force.mean())[:, None], np.diff(np.eye(m), axis=0)
-        between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
+        between = _free(D.T @ (D / np.diff(self.log_speed)[:, None]))
         parts = {
             LEVEL: np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
-            CURVE: np.tile(_unit(self._integral(2)), (m, 1)),
-            DIFFERENCE: np.kron(between, _unit(self._integral(1))),
+            CURVE: np.tile(_free(self._integral(2)), (m, 1)),
+            DIFFERENCE: np.kron(between, _free(self._integral(1))),
         }
         return {name: columns for name, columns in parts.items() if columns.shape[1]}
 
@@ -112,28 +111,18 @@ class Curves:
         return np.asarray(values.T @ ((half * w).ravel()[:, None] * values))
 
 
-def _unit(precision: Array) -> Array:
+def _free(precision: Array) -> Array:
     """Return columns with unit normal coefficients for a singular inverse covariance."""
-    values, vectors = np.linalg.eigh(precision)
-    kept = values > 1e-9 * max(values[-1], 1e-300)
-    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    covariance = np.linalg.pinv(precision, rcond=1e-9, hermitian=True)
+    return factor_of(np.asarray(covariance, dtype=float))
 
 
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """Numbers that shift ln mu of the runs."""
+def campaign_effects(measured: Measured, reference_degC: float | None) -> dict[str, Array]:
+    """Return the effects that the runs of a campaign can show, as factors on the surface.
 
-    key: str  # name of the effect and of its source of uncertainty
-    columns: Array  # change of ln mu of each run per unit of each number, (n, K)
-    size: Size  # prior of the numbers' standard deviation, which the data determine
-
-
-def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
-    """List the effects that the runs of a campaign can show, as factors on the surface.
-
-    The surface is corrected to a reference temperature, if any; an unknown one is the mean.
+    The change of ln mu of each run per unit of each number of an effect, (n, K), by the key of its
+    source of uncertainty. An unknown temperature is the mean, as is the reference, if None.
     """
-    priors = BEFORE if reference_degC is None else {**BEFORE, **IF_CORRECTED}
     n = measured.mu.size
     order = np.arange(n) if measured.order is None else measured.order
     T = np.full(n, np.nan) if measured.temperature_degC is None else measured.temperature_degC
@@ -148,7 +137,7 @@ def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[
         mean = float(T[known].mean())
         above = np.where(known, T, mean) - (mean if reference_degC is None else reference_degC)
         columns[TEMPERATURE] = above[:, None] / STEP_OF_TEMPERATURE
-    return tuple(Effect(key, Z, priors[key]) for key, Z in columns.items() if np.any(Z))
+    return {key: Z for key, Z in columns.items() if np.any(Z)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +149,9 @@ class LinearRuns:
     """Columns of X, derivatives with respect to the coordinates of each part of the surface."""
     errors: Array  # standard errors of ln mu, (n,)
     response: Array  # sensitivity to a factor on the surface, (n,)
-    effects: tuple[Effect, ...] = ()  # the effects, their columns as changes of ln mu of the runs
+    effects: Mapping[str, Array] = field(default_factory=dict)
+    """Changes of ln mu of the runs per unit of the numbers of each effect, (n, K)."""
+    priors: Mapping[str, Size] = field(default_factory=lambda: PRIORS)
     shared: Array | None = None  # changes by one u of each error that runs share, (n, K')
 
     @property
@@ -170,10 +161,9 @@ class LinearRuns:
 
     def model(self) -> Mixed:
         """Build the mixed model; with the errors that runs share, if there are any."""
-        columns = {**self.parts, **{effect.key: effect.columns for effect in self.effects}}
-        if self.shared is not None and self.shared.shape[1]:
+        columns, priors = {**self.parts, **self.effects}, self.priors
+        if self.shared is not None:
             columns[SHARED_ERRORS] = self.shared
-        priors = {**PRIORS, **{effect.key: effect.size for effect in self.effects}}
         # a run is a group by itself: its noise is independent of the others
         terms = [Shared(name, Z[:, None, :], priors.get(name)) for name, Z in columns.items()]
         noise = {NOISE: self.errors, SCATTER: self.response}
@@ -187,22 +177,22 @@ class LinearRuns:
         """
         found = self._best(start)
         sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}
-        sizes |= {effect.key: _usual_size(found, effect) for effect in self.effects}
+        sizes |= {key: _usual_size(found, key, self.priors[key]) for key in self.effects}
         return self.model().at(sizes, found.converged)
 
     def _best(self, start: Sizes) -> Posterior:
         """Fit from a start or, without one, from the medians and from each effect large in turn."""
-        small = {effect.key: SMALL for effect in self.effects}
+        small = dict.fromkeys(self.effects, SMALL)
         others = [{**small, name: LARGE} for name in small] if not start and len(small) > 1 else []
         fits = map(self.model().fit, [start, *others])
         return max(fits, key=lambda fit: fit.log_evidence)
 
-    def log_evidence_for(self, *keys: str) -> float:
-        """Compute the log of the probability ratio of the data with and without some effects.
+    def log_evidence_for(self, effect: str) -> float:
+        """Compute the log of the probability ratio of the data with and without an effect.
 
-        All sizes are chosen again without them, as others may explain the same.
+        All sizes are chosen again without it, as others may explain the same.
         """
-        others = tuple(effect for effect in self.effects if effect.key not in keys)
+        others = {key: Z for key, Z in self.effects.items() if key != effect}
         without = replace(self, effects=others)._best({})
         return self._best({}).log_evidence - without.log_evidence
 
@@ -217,9 +207,9 @@ class LinearRuns:
 
     def unusual_effects(self, posterior: Posterior) -> dict[str, float]:
         """Return effects larger than in 98 % of campaigns: key -> largest usual deviation."""
-        usual = {key: size.median * math.exp(WIDTHS * size.width) for key, size in BEFORE.items()}
-        rms = {e.key: np.sqrt(np.mean(np.square(posterior.of(e.key)[0]))) for e in self.effects}
-        return {key: usual[key] for key, size in rms.items() if size > usual[key]}
+        usual = {k: PRIORS[k].median * math.exp(WIDTHS * PRIORS[k].width) for k in self.effects}
+        rms = {key: np.sqrt(np.mean(np.square(posterior.of(key)[0]))) for key in usual}
+        return {key: size for key, size in usual.items() if rms[key] > size}
 
     def gain(self, posterior: Posterior) -> Array:
         """Return the derivatives of all coefficients with respect to the data (k, n)."""
@@ -233,8 +223,8 @@ class LinearRuns:
         effects take from it what they best explain: a misfit about given effects need not fall.
         """
         V = np.diag(self.variance(sizes))
-        for effect in self.effects:
-            V += sizes[effect.key] ** 2 * effect.columns @ effect.columns.T
+        for key, Z in self.effects.items():
+            V += sizes[key] ** 2 * Z @ Z.T
         penalty = self.precision(sizes) @ np.square(coordinates)
         return float(residual @ np.linalg.solve(V, residual) + penalty)
 
@@ -252,15 +242,15 @@ class LinearRuns:
         return float(seen @ np.linalg.solve(information, seen)) / total if total > 0.0 else 0.0
 
 
-def _usual_size(found: Posterior, effect: Effect) -> float:
+def _usual_size(found: Posterior, effect: str, prior: Size) -> float:
     """Return the half-width of the 68 % interval of an effect's numbers, the other sizes fixed."""
-    mean, covariance = found.of(effect.key)
+    mean, covariance = found.of(effect)
     inverse = np.linalg.inv(covariance)
-    L, vectors = np.linalg.eigh(inverse - np.eye(mean.size) / found.sizes[effect.key] ** 2)
+    L, vectors = np.linalg.eigh(inverse - np.eye(mean.size) / found.sizes[effect] ** 2)
     signal = np.square(vectors.T @ inverse @ mean)
     growth = 1.0 + np.square(GRID)[:, None] * np.maximum(L, 0.0)
     terms = np.square(GRID)[:, None] * signal / growth - np.log(growth)
-    before = np.square(np.log(GRID / effect.size.median) / effect.size.width)
+    before = np.square(np.log(GRID / prior.median) / prior.width)
     log_density = 0.5 * (terms.sum(axis=1) - before)
     density = np.exp(log_density - log_density.max())
     within = 1.0 - 2.0 * ndtr(-GRID[:, None] / GRID) @ density / density.sum()

@@ -43,7 +43,6 @@ from beltid.stages.surface import (
     reference_temperature,
     rig_of_runs,
     usable_runs,
-    with_covariance,
 )
 from beltid.stages.workers import Workers
 from beltid.store.artifact import Artifact
@@ -200,7 +199,7 @@ def predict(
     solution = refine_surface(
         campaign, speeds, reduction_sources(rest.columns), reference_temperature(config, campaign)
     )
-    surface = with_covariance(solution)
+    surface = solution.surface
     measured = measured_runs(columns, fold.left_out, rig.R, rest.kind, rig.given_force)
     arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], rest.arcs_deg)
     # an unseen arc has its own effect, with the same variance as the others

@@ -69,7 +69,8 @@ def planned(
     known = None if surface is None else _known_surface(surface)
     press, stated = press_law(law or USUAL_LAW, config), standard_uncertainties(config)
     sources = sources_of_plan(known, stated, [float(np.degrees(p.beta)) for p in points])
-    noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
+    scale = getattr(surface, "facts", {}).get("noise_over_stated_errors") or 1.0
+    noise, columns = _noise(noise_of, scale, config)
     log.info("%d candidates, simulated with the present surface", len(points))
     bench, kind = bench_of(config, 1.0, press.law), rig_kind(config)
     try:
@@ -176,14 +177,10 @@ def _known_surface(surface: Any) -> SurfaceUncertainty:
     found, stored = surface_from(surface), surface.facts.get("uncertainty")
     if found.factor is None or stored is None:
         raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
-    n = len(stored["sources"])
     return SurfaceUncertainty(
         surface=found,
         sources=tuple(Source(**row) for row in stored["sources"]),
-        changes=found.factor[..., :n],
-        scatter=found.factor[..., n:],
         arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
-        noise_scale=surface.facts.get("noise_over_stated_errors") or 1.0,
     )
 
 

@@ -137,7 +137,7 @@ def simulated(
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed.items()],
         notes=(
             *([beyond] if outside else []),
-            *guided_weight(config, [run.point for run in good]),
+            *guided_weight(config, *np.array([(p.point.beta, p.point.T_0) for p in good]).T),
             *notes,
         ),
         warnings=tuple(failures),
@@ -286,14 +286,14 @@ def simulate(
     return {run: results[run] for run in runs}
 
 
-def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:
+def guided_weight(config: Config, beta: np.ndarray, T_0: np.ndarray) -> list[str]:
     """Return a note on the assumed guidance of a dead weight and its effect; empty without one."""
     if config.rig.kind != "dead_weight":
         return []
     rig = config.rig_params()
     # a guided end adds the turn of the spans to the arc, a free one does not
     spans = Spans(config.belt_params().EI, rig.span)
-    share = max(float(spans.turn(point.T_0, rig.R)) / point.beta for point in points)
+    share = np.max(spans.turn(T_0, rig.R) / beta)
     return [
         f"a dead weight that swings, not guided, makes mu lower by up to {percent(100 * share)}"
     ]

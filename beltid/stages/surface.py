@@ -20,6 +20,7 @@ from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
 from beltid.refine.inverse import (
+    CONFOUNDED,
     RefinedSurface,
     ShownEffect,
     contradictions,
@@ -219,7 +220,7 @@ class Refinement:
     @property
     def surface(self) -> FrictionSurface:
         """The refined surface with its covariance."""
-        return with_covariance(self.refined)
+        return self.refined.surface
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
@@ -241,13 +242,6 @@ class Refinement:
         """Return the standard deviation of the arcs' mean misfits [-]; nan for a single arc."""
         means = [np.mean(misfit[self.arcs_deg == arc]) for arc in np.unique(self.arcs_deg)]
         return float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
-
-
-def with_covariance(found: RefinedSurface) -> FrictionSurface:
-    """Return a refined surface with its covariance by source."""
-    return found.surface.with_covariance(
-        found.uncertainty.factor, [source.name for source in found.uncertainty.sources]
-    )
 
 
 def refined(
@@ -304,7 +298,7 @@ def refined(
         notes=(
             *_unclear(result.effects),
             *_bending_stiffness(found),
-            *guided_weight(config, measured.points),
+            *guided_weight(config, measured.beta, measured.T_0),
             *notes,
         ),
         warnings=(*found.warnings, *_disagreement(result)),
@@ -418,7 +412,7 @@ def _disagreement(result: Refinement) -> Iterator[str]:
 
 def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
     """Yield notes on effects that the runs cannot tell from the surface, or from others."""
-    confounded = [effect for effect in effects if effect.is_confounded]
+    confounded = [effect for effect in effects if effect.explained > CONFOUNDED]
     hidden = [f"{EFFECTS[e.key][0]} ({percent(100 * e.explained)})" for e in confounded]
     if hidden:
         yield f"cannot be told from the force and the speed: {', '.join(hidden)}. {REMEDY}"
@@ -429,7 +423,7 @@ def _unclear(effects: tuple[ShownEffect, ...]) -> Iterator[str]:
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors, strict=True):
+    for source, error, sd in found.stated_errors:
         if source.error == "bending_stiffness":
             stated = f"{EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis})"
             shown = f"{EI * (1 + source.size * error):.4g} N m² ± {100 * source.size * sd:.2g} %"

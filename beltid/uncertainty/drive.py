@@ -63,7 +63,8 @@ def drive_uncertainty(
     """
     strings = _solved(drive, points, "string", [None] * len(points))
     rods = [i for i, result in enumerate(results) if result.state.rods]
-    slipping = [i for i in rods if not (_sticks(results[i]) and _sticks(strings[i]))]
+    stick = [r is not None and set(r.status) == {ADHESION} for r in strings]
+    slipping = [i for i in rods if not (stick[i] and set(results[i].status) == {ADHESION})]
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
     changes, by_string = _changes(drive, inputs, results, strings, slipping)
@@ -134,10 +135,6 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
         is_driver = result.in_order(np.arange(speed.size) == result.drive.driver)
         rows.append(np.where(is_driver, 0.0, np.abs(speed) * np.max(relative)))
     return np.array(rows)
-
-
-def _sticks(result: DriveResult | None) -> bool:
-    return result is not None and set(result.status) == {ADHESION}
 
 
 def _solved(

@@ -25,9 +25,9 @@ from beltid.laws.capstan import (
     tensions_by_hub_force,
     tensions_by_torque,
 )
-from beltid.laws.penalty import NormalLaw
+from beltid.laws.penalty import NormalLaw, elastic_force, elastic_stiffness
 from beltid.mixed import root
-from beltid.params import GivenForce, OperatingPoint
+from beltid.params import GivenForce
 from beltid.uncertainty.sources import (
     BENT,
     LAW,
@@ -57,31 +57,23 @@ class PressLaw:
     def coefficients(self, errors: Errors) -> Array:
         """Return the coefficients (2,) with errors corrected; negative ones become zero.
 
-        Force and segment length scale both of Eq. (3), a gain of the travel divides them by
-        (1 + e) and (1 + e)².
+        The law is fitted to its own curve with errors corrected, and with a free contact point, of
+        which the force f per length has the derivative f'. A compliance c moves a point by c L f
+        along the travel, which changes its force by f' c L f.
         """
-        scatter = root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
-        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3]) + scatter
-        k += self._per_compliance() * errors.at("machine_compliance")
-        force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
-        travel = (1.0 + errors.at("press_displacement")) ** np.array([1.0, 2.0])
-        corrected = k * (force / (1.0 + errors.at("segment_length"))) / travel
-        return np.asarray(np.maximum(corrected, 0.0))
-
-    def _per_compliance(self) -> Array:
-        """Return the change of the coefficients (2,) per corrected compliance [m/N].
-
-        A compliance c moves a point of force f per length by c L f along the travel: f'(delta) c L
-        f is projected on (delta, delta², f'(delta)), as the contact point is free.
-        """
+        k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
+        present = np.append(k > 0.0, True)
+        k += root(self.covariance) @ [errors.at(LAW, 0), errors.at(LAW, 1)]
         delta = self.max_penetration_m * np.linspace(0.0, 1.0, 200)[1:]
-        slope, force = self.law.stiffness(delta), self.law.force(delta)
-        present = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3, 1.0]) > 0.0
-        design = np.column_stack([delta, delta**2, slope])[:, present]
-        size, change = np.linalg.norm(design, axis=0), np.zeros(3)
-        moved = slope * self.segment_length_m * force
-        change[present] = np.linalg.lstsq(design / size, moved, rcond=None)[0] / size
-        return change[:2]  # the last one moves the contact point
+        force, slope = elastic_force(delta, *k), elastic_stiffness(delta, *k)
+        force = force * (1.0 + errors.at("machine_compliance") * self.segment_length_m * slope)
+        force *= (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
+        travel = delta * (1.0 + errors.at("press_displacement"))
+        design = np.column_stack([travel, travel**2, slope])[:, present]
+        size, fitted = np.linalg.norm(design, axis=0), np.zeros(3)
+        per_length = force / (1.0 + errors.at("segment_length"))
+        fitted[present] = np.linalg.lstsq(design / size, per_length, rcond=None)[0] / size
+        return np.maximum(fitted[:2], 0.0)  # the last one moves the contact point
 
 
 POSITIVE = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
@@ -94,7 +86,7 @@ class Measured:
     R: float  # radius of the belt's centreline on the pulley [m]
     arc: NDArray[np.intp]  # number of the arc setting
     beta: Array  # contact arc [rad]
-    T_0: Array  # initial tension [N], mean of both cells; if a force is given, the tension from it
+    T_0: Array  # initial tension [N], mean of both cells; a given force takes its place
     omega: Array  # speed of the pulley [rad/s]
     tight: Array  # tensions while sliding [N]
     slack: Array
@@ -109,6 +101,10 @@ class Measured:
     momentum: Array | float = 0.0  # m v² of a running belt, subtracted from all tensions [N]
     with_tight: Mask | None = None
     """Whether the tension measured with a torque is the tight one; by default as `kind` states."""
+
+    def __post_init__(self) -> None:
+        given = {"tight": self.tight, "slack": self.slack, "hub": 0.5 * (self.tight + self.slack)}
+        object.__setattr__(self, "T_0", given.get(self.given_force, self.T_0))
 
     @property
     def arcs_deg(self) -> Array:
@@ -130,11 +126,6 @@ class Measured:
         """Sliding speed, Eq. (7) [m/s]."""
         return sliding_speed(self.omega, self.R)
 
-    @property
-    def points(self) -> list[OperatingPoint]:
-        """Settings of the runs."""
-        return list(map(OperatingPoint, self.beta, self.T_0, self.omega))
-
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
 
@@ -143,7 +134,6 @@ class Measured:
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         tight, slack, T_0 = self._corrected_tensions(errors, beta)
-        T_0 = tension_given(self.given_force, tight, slack, T_0)
         if not np.min([tight, slack, beta, T_0]) > 0.0:
             raise InputError(
                 "uncertainty: an error of the load cells or of the arc is as large as a tension or "
@@ -183,20 +173,18 @@ class Measured:
         # of m v², subtracted from all tensions; the belt has the gain error of the pulley's speed
         mass = self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
+        # the tight cell rises and reads too little, the slack one falls and reads too much
+        lag = errors.at("cell_hysteresis") * (kind.measures != "torque_hub")
+
         def cell(number: int, tension: Array) -> Array:
             """Return what a cell measures; a weight on its span has the error of the mass only."""
             if SPANS[number] == kind.weight:
                 return tension - mass
             gain = errors.at("tension_gain") + errors.at("cell_gain", number)
-            zero = errors.at("cell_offset", number) - mass
+            zero = errors.at("cell_offset", number) - mass + lag * (tension - self.T_0)
             return np.asarray(tension + (tension + self.momentum) * gain + zero)
 
-        # the tight cell rises and reads too little, the slack one falls and reads too much
-        lag = errors.at("cell_hysteresis") * (kind.measures != "torque_hub")
-        tight, slack = (
-            cell(k, tension) + lag * (tension - self.T_0) * (SPANS[k] != kind.weight)
-            for k, tension in enumerate((self.tight, self.slack))
-        )
+        tight, slack = cell(0, self.tight), cell(1, self.slack)
         at_rest = cell(0, self.T_0), cell(1, self.T_0)
         if not kind.has_torque:
             mean = 0.5 * (at_rest[0] + at_rest[1])
@@ -215,11 +203,6 @@ class Measured:
         by_slack = tensions_by_torque(M, R, T_slack=slack)
         is_tight = kind.torque_with == "tight" if self.with_tight is None else self.with_tight
         return (*np.where(is_tight, by_tight, by_slack), np.where(is_tight, *at_rest))
-
-
-def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
-    """Return the tension before the pulley turns (n,) [N]; by the given force, if there is one."""
-    return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
 
 
 def measured_runs(
@@ -246,12 +229,11 @@ def measured_runs(
     typical = float(np.nanmedian(errors)) if np.isfinite(errors).any() else 0.0
     slack = f * R * (mu * beta) / np.expm1(mu * beta)
     tight, at_rest = slack * np.exp(mu * beta), known("initial_tension_N")
-    T_0 = np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack))
     return Measured(
         R=R,
         arc=settings_of(arc_deg, ARC_GAP),
         beta=beta,
-        T_0=tension_given(given_force, tight, slack, T_0),
+        T_0=np.where(np.isfinite(at_rest), at_rest, np.sqrt(tight * slack)),
         omega=np.abs(v) / R,
         tight=tight,
         slack=slack,
@@ -329,8 +311,10 @@ def published_uncertainty(
         """Return the change of ln mu at the nodes with errors corrected."""
         return changes_at_nodes(nominal, published_grid(measured.corrected(errors)))
 
-    changes, surface = changes_by(sources, change), nominal.to_surface()
-    return SurfaceUncertainty(surface, sources, changes, nominal.scatter, measured.arcs_deg)
+    factor = np.concatenate([changes_by(sources, change), nominal.scatter], axis=-1)
+    names = [source.name for source in sources]
+    surface = nominal.to_surface().with_covariance(factor, names)
+    return SurfaceUncertainty(surface, sources, measured.arcs_deg)
 
 
 def sources_of_runs(measured: Measured, given: StandardUncertainties) -> tuple[Source, ...]:
@@ -390,7 +374,7 @@ def stiffness_uncertainty(
     k = np.array([(law.k_linear_N_m2, law.k_quadratic_N_m3) for law in laws])
     size = np.where(k > 0.0, k, 1.0)
     scatter = np.array([(law.k_linear_se_N_m2, law.k_quadratic_se_N_m3) for law in laws]) / size
-    fits = [PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws]
+    fits = (PressLaw(law.law, none, law.max_penetration_m, segment_length_m) for law in laws)
     changes = [changes_by(sources, fit.coefficients) for fit in fits]
     relative = np.array(changes) / size[..., None]
     u, rows = size * np.hypot(np.linalg.norm(relative, axis=-1), scatter), []

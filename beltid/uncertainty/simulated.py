@@ -18,7 +18,7 @@ the bench missed and the simulation did not is a known error without correction:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +26,17 @@ from numpy.typing import NDArray
 from beltid.arrays import Array
 from beltid.identify.agreement import AgreementResult
 from beltid.identify.friction.run import RigKind
-from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rig.forces import State
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.runs import lay_on, slide, tension_sensitivity
+from beltid.rig.runs import RunResult, lay_on, slide, tension_sensitivity
 from beltid.uncertainty.measured import Measured, PressLaw, own_errors, shared_columns
 from beltid.uncertainty.sources import (
     ARC,
+    EFFECT_SOURCES,
+    REDUCTION_SOURCES,
     Errors,
     Source,
     budget,
@@ -63,15 +64,11 @@ class Campaign:
     def inputs(self, runs: Measured, errors: Errors) -> Array:
         """Return `INPUTS` of the simulated rig (n, 8) for runs with the same errors corrected."""
         belt = self.bench.belt
-        shared = (
-            runs.R,
-            self.bench.rig.span + errors.at("span_length"),
-            belt.EI * (1.0 + errors.at("bending_stiffness")),
-            belt.EA * (1.0 + errors.at("axial_stiffness")),
-            *self.press.coefficients(errors),
-        )
-        same = np.broadcast_to(shared, (runs.mu.size, len(shared)))
-        return np.column_stack([runs.beta, runs.T_0, same])
+        span = self.bench.rig.span + errors.at("span_length")
+        EI = belt.EI * (1.0 + errors.at("bending_stiffness"))
+        EA = belt.EA * (1.0 + errors.at("axial_stiffness"))
+        inputs = runs.beta, runs.T_0, runs.R, span, EI, EA, *self.press.coefficients(errors)
+        return np.column_stack(np.broadcast_arrays(*inputs))
 
 
 def simulated_runs(
@@ -84,29 +81,16 @@ def simulated_runs(
     """Return simulated runs as if their tensions, or those at rest, had been measured exactly."""
     beta, T_0, omega = np.array([(point.beta, point.T_0, point.omega) for point in points]).T
     tight, slack = (T_0, T_0) if tensions is None else tensions
-    settings, given = (bench.rig.R, arc, beta, T_0, omega), bench.rig.given_force
-    return Measured(*settings, tight, slack, np.zeros(T_0.size), kind=kind, given_force=given)
+    runs = bench.rig.R, arc, beta, T_0, omega, tight, slack, np.zeros(T_0.size)
+    return Measured(*runs, kind=kind, given_force=bench.rig.given_force)
 
 
-class Sliding(NamedTuple):
-    """The sliding limit of a run."""
-
-    model: RigModel  # its rig, with the surface
-    state: State  # tensions T_A (tight) and T_B (slack) [N], contact points
-    surface: FrictionSurface
-
-    @property
-    def mu(self) -> float:
-        """Coefficient by Eq. (6)."""
-        tensions = self.state.T_A, self.state.T_B
-        return float(friction_coefficient(*tensions, self.model.point.beta))
-
-    def look_ups(self) -> tuple[Array, Array]:
-        """Return line forces [N/m] where mu is looked up, and d ln mu of the run by ln mu there."""
-        point, state = self.model.point, self.state
-        force, tight, slack = tension_sensitivity(self.model, state)
-        per_mu = (tight / state.T_A - slack / state.T_B) / (point.beta * self.mu)
-        return force, per_mu * self.surface.mu(force, point.omega * self.model.path.R)
+def look_ups(run: RunResult, surface: FrictionSurface) -> tuple[Array, Array]:
+    """Return line forces [N/m] where mu is looked up, and d ln mu of the run by ln mu there."""
+    point, state = run.model.point, run.sliding
+    force, tight, slack = tension_sensitivity(run.model, state)
+    per_mu = (tight / state.T_A - slack / state.T_B) / (point.beta * run.mu)
+    return force, per_mu * surface.mu(force, point.omega * run.model.path.R)
 
 
 class RigRuns:
@@ -147,11 +131,13 @@ class RigRuns:
             self.models.append(replace(model, point=point))
             self._laid.append(laid)
 
-    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
-        """Compute every run with the surface of its speed."""
-        each = [surfaces[j] for j in self.label]
-        runs = [model.with_surface(of) for model, of in zip(self.models, each, strict=True)]
-        return [Sliding(*of) for of in zip(runs, map(slide, runs, self._laid), each, strict=True)]
+    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[RunResult]:
+        """Compute the sliding limit of every run with the surface of its speed."""
+        runs = list[RunResult]()
+        for model, laid, speed in zip(self.models, self._laid, self.label, strict=True):
+            of_run = model.with_surface(surfaces[speed])
+            runs.append(RunResult(of_run, slide(of_run, laid), None))
+        return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
         """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
@@ -165,17 +151,16 @@ def residual_changes(
     surfaces: Sequence[FrictionSurface],
     speeds: Array,
     speed_slope: Array,
-    exact: bool = False,
 ) -> tuple[Array, Array]:
     """Compute the change of measured minus simulated ln mu by one u of each source (n, K).
 
     `surfaces` holds the surface at each of the speeds [m/s], `speed_slope` the derivative of ln mu
     of each run by ln v (n,). Also returned are the derivatives of the simulated ln mu by the ln of
-    `INPUTS` (n, 8), zero if these are `exact`.
+    `INPUTS` (n, 8), zero if no source is an error of the bench.
     """
     before, slopes = campaign.measured, np.zeros((campaign.measured.mu.size, len(INPUTS)))
     inputs = campaign.inputs(before, Errors())
-    if not exact:
+    if not {source.error for source in sources} <= {*REDUCTION_SOURCES, *EFFECT_SOURCES}:
         rig, steps = RigRuns(campaign, speeds, MESH), 1.0 + STEP * np.eye(len(INPUTS))
         nominal = rig.log_mu(surfaces, speed_slope)
         for k, step in enumerate(steps):
@@ -195,7 +180,6 @@ def residual_changes(
     return changes_by(sources, residual), slopes
 
 
-DIGITS = 5  # of what is stored
 MESH_SHARE = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
@@ -230,11 +214,8 @@ class RunsUncertainty:
         return cls(tuple(sources.values()), tuple(runs), **joined)
 
     def extra(self) -> dict[str, Any]:
-        """Return it as JSON data, with as many digits as an uncertainty needs."""
-        short = np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"), otypes=[float])
-        arrays = {name: short(getattr(self, name)).tolist() for name in ARRAYS}
-        sources = [asdict(source) for source in self.sources]
-        return {"sources": sources, "runs": list(self.runs), **arrays}
+        """Return it as JSON data."""
+        return {name: value for name, value in asdict(self).items() if name != "mu"}
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
@@ -261,6 +242,9 @@ def simulated_uncertainty(
     bench. Raises `ConvergenceError` if a run cannot be simulated.
     """
     surface, n = campaign.bench.surface, campaign.measured.mu.size
+    if surface.factor is None:  # without a covariance the standard errors add up
+        se = np.zeros((1, 1)) if surface.mu_se_nodes is None else surface.mu_se_nodes
+        surface = surface.with_covariance(np.nan_to_num(se / surface.mu_nodes)[..., None])
     speeds = np.unique(campaign.measured.slip_speed)
     surfaces = [surface] * speeds.size
     rig = RigRuns(campaign, speeds, [elements] * n if elements else 1.0)
@@ -268,23 +252,18 @@ def simulated_uncertainty(
     by_surface, scatter, speed_slope, response = np.zeros((n, len(sources))), *np.zeros((3, n))
     shared = len(surface.sources)
     for i, run in enumerate(runs):
-        v, (force, weight) = float(speeds[rig.label[i]]), run.look_ups()
-        if surface.factor is None:
-            relative = surface.mu_se_at(force, v) / surface.mu(force, v)
-            scatter[i] = np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0)
-        else:
-            columns = weight @ surface.factor_at(force, v)
-            by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
+        v, (force, weight) = float(speeds[rig.label[i]]), look_ups(run, surface)
+        columns = weight @ surface.factor_at(force, v)
+        by_surface[i, :shared], scatter[i] = columns[:shared], np.linalg.norm(columns[shared:])
         speed_slope[i] = weight @ (surface.gradient(force, v)[1] * v / surface.mu(force, v))
         response[i] = weight.sum()
-    tight, slack, mu = np.array([(run.state.T_A, run.state.T_B, run.mu) for run in runs]).T
-    arcs = np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
-    by_arc = {ARC: response[:, None] * arcs}
-    measured = replace(campaign.measured, tight=tight, slack=slack, columns=by_arc)
+    tight, slack, mu = np.array([(r.tension_tight_N, r.tension_slack_N, r.mu) for r in runs]).T
+    by_arc = response[:, None] * np.eye(int(campaign.measured.arc.max()) + 1)[campaign.measured.arc]
+    measured = replace(campaign.measured, tight=tight, slack=slack, columns={ARC: by_arc})
     # build-up that is left at the end of a simulated run, and error of its time steps
     remaining = 0.0 if same_bench else np.abs(np.log(campaign.measured.mu / mu))
     campaign = replace(campaign, measured=measured)
-    changes, slopes = residual_changes(campaign, sources, surfaces, speeds, speed_slope, same_bench)
+    changes, slopes = residual_changes(campaign, sources, surfaces, speeds, speed_slope)
     difference = by_surface - changes
     finer = RigRuns(campaign, speeds, [2 * (model.nodes.size - 1) for model in rig.models])
     by_mesh = np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu))
@@ -330,7 +309,7 @@ def validated(
     """
     of_measured, of_simulated = result.rows
     mu = result.columns["mu_measured"]
-    none, labels = np.zeros(mu.size), [str(simulated["run"][i]) for i in of_simulated]
+    none, labels = np.zeros(mu.size), [str(label) for label in simulated["run"][of_simulated]]
 
     def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
         """Return the values of a column; zero where they are missing."""
@@ -338,27 +317,27 @@ def validated(
 
     whole, own = (column(measured, f"mu_sliding_{of}", of_measured) / mu for of in ("u", "se"))
     whole = np.where(whole > 0.0, whole, own)
-    of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
-    shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
+    sources, difference, by_input = tuple[Source, ...](), np.zeros((mu.size, 0)), none[:, None]
+    of_runs, numerical, missed = whole, none, none
+    of_surface = column(simulated, "mu_sliding_se", of_simulated) / mu
     is_known = uncertainty is not None and set(labels) <= set(uncertainty.runs)
-    if uncertainty is None or not is_known:
-        shared, of_runs, nothing = {}, whole, np.zeros((mu.size, 0))
-        scatter = column(simulated, "mu_sliding_se", of_simulated) / mu
-        arrays = nothing, nothing, scatter, none, np.zeros((mu.size, 2))
-        uncertainty = RunsUncertainty((), tuple(labels), *arrays)
-    rows = [uncertainty.runs.index(label) for label in labels]
-    # if the surface was built from these runs, an error of their reduction changes both
-    sources = with_sources(uncertainty.sources, reduction_sources(shared))
-    difference = np.zeros((mu.size, len(sources)))
-    difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
-    for k, source in enumerate(sources):
-        difference[:, k] -= shared.get(source.error, none)
-    actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
-    nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
-    known = (actual > 0.0) & (nominal > 0.0)
-    ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
-    missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
-    of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+    if uncertainty is not None and is_known:
+        rows = [uncertainty.runs.index(label) for label in labels]
+        of_runs = np.nan_to_num(own_errors(measured)[of_measured]) / mu
+        shared = {key: change[of_measured] for key, change in shared_columns(measured).items()}
+        # if the surface was built from these runs, an error of their reduction changes both
+        sources = with_sources(uncertainty.sources, reduction_sources(shared))
+        difference = np.zeros((mu.size, len(sources)))
+        difference[:, : len(uncertainty.sources)] = uncertainty.difference[rows]
+        for k, source in enumerate(sources):
+            difference[:, k] -= shared.get(source.error, none)
+        actual = np.abs([column(measured, name, of_measured) for name, _ in SETTINGS])
+        nominal = np.abs([column(simulated, name, of_simulated) for _, name in SETTINGS])
+        known = (actual > 0.0) & (nominal > 0.0)
+        ratio = np.divide(actual, nominal, out=np.ones(known.shape), where=known)
+        missed = np.sum(uncertainty.by_setting[rows].T * np.log(ratio), axis=0)
+        of_surface, numerical = uncertainty.scatter[rows], uncertainty.numerical[rows]
+        by_input = uncertainty.simulated[rows]
     parts = {
         "scatter of the measured runs": of_runs,
         "scatter behind the simulated runs": of_surface,
@@ -366,7 +345,7 @@ def validated(
         "settings that the bench missed": np.abs(missed),
     }
     u_validation = np.linalg.norm([*parts.values(), *difference.T], axis=0)
-    u_input = np.linalg.norm([of_surface, missed, *uncertainty.simulated[rows].T], axis=0)
+    u_input = np.linalg.norm([of_surface, missed, *by_input.T], axis=0)
     known_u = np.where(u_validation > 0.0, u_validation, np.nan)
     e_over_u = result.columns["relative_difference"] / known_u
     result = replace(result, rms_over_u=float(np.sqrt(np.mean(np.square(e_over_u)))))

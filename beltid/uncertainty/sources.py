@@ -255,12 +255,9 @@ def factor_of(covariance: Array) -> Array:
 class SurfaceUncertainty:
     """Covariance of ln mu at the nodes of a surface by its causes."""
 
-    surface: FrictionSurface
+    surface: FrictionSurface  # with the factor of its covariance
     sources: Sequence[Source]  # errors that all nodes share
-    changes: Array  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
-    scatter: Array  # factor of the covariance by scatter from run to run, (nf, nv, r)
     arcs_deg: Array  # arc settings in the order in which the sources number them [deg]
-    noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
     def stated_otherwise(self, stated: StandardUncertainties) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""
@@ -270,14 +267,14 @@ class SurfaceUncertainty:
 
     @property
     def factor(self) -> Array:
-        """Factor of the total covariance (nf, nv, K + r), shared sources first."""
-        return np.concatenate([self.changes, self.scatter], axis=-1)
+        """Factor of the covariance of ln mu: a column per source, then scatter, (nf, nv, K + r)."""
+        assert self.surface.factor is not None
+        return self.surface.factor
 
     def columns(self, n_rows: int) -> dict[str, Array]:
         """Return ``mu_u`` and ``mu_factor`` of a table; the nodes are its first rows."""
         mu = self.surface.mu_nodes.ravel()
-        rows = self.factor.reshape(mu.size, -1)
-        rows = rows if rows.shape[1] else np.zeros((mu.size, 1))
+        rows = self.factor.reshape(mu.size, -1) if self.factor.size else np.zeros((mu.size, 1))
         table = np.column_stack([mu * np.sqrt(np.sum(np.square(rows), axis=1)), rows])
         table = np.pad(table, ((0, n_rows - mu.size), (0, 0)), constant_values=np.nan)
         return {"mu_u": table[:, 0], "mu_factor": table[:, 1:]}
@@ -287,12 +284,13 @@ class SurfaceUncertainty:
         f, (low, high) = self.surface.normal_force_N_m, force_range
         inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
         inside |= not inside.any()
-        scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
-        changes = self.changes[inside].reshape(scatter.size, len(self.sources))
+        rows = self.factor[inside].reshape(-1, self.factor.shape[-1])
+        changes, scatter = np.split(rows, [len(self.sources)], axis=1)
         stored = {
             "sources": [asdict(source) for source in self.sources],
             "arcs_deg": self.arcs_deg,
             "budget_force_N_m": [low, high],
         }
-        lines = budget("surface", self.sources, changes, {"scatter of the runs": scatter})
+        of_runs = {"scatter of the runs": np.linalg.norm(scatter, axis=1)}
+        lines = budget("surface", self.sources, changes, of_runs)
         return {"uncertainty": stored, "budget": lines}

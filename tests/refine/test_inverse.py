@@ -2,20 +2,31 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from truth.bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, solved, true_mu
 
-from beltid.errors import ConvergenceError
+from beltid.errors import ConvergenceError, NumericsError
 from beltid.identify.friction.run import TWO_CELLS
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.refine.inverse import RefinedSurface, ShownEffect, refine_surface, shown_effects
+from beltid.refine.inverse import (
+    CHOICES,
+    MESH,
+    Problem,
+    RefinedSurface,
+    ShownEffect,
+    Sweep,
+    refine_surface,
+    shown_effects,
+    sweep,
+)
 from beltid.refine.posterior import SCATTER, campaign_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.simulated import simulated_runs
+from beltid.uncertainty.simulated import RigRuns, simulated_runs
 from beltid.uncertainty.sources import ARC, ORDER, TEMPERATURE, Source
 
 SMALL = tuple(TWO)
@@ -41,6 +52,13 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
     of, refined = campaign("5pk", 0.005, TWO), solved("5pk", 0.005, SMALL)
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.006
     assert refined.noise_scale == pytest.approx(1.0, abs=0.3)  # 48 runs give it to a tenth
+    stated = refined.runs.errors * np.sqrt(refined.weight)  # of ln mu, with that of the model
+    np.testing.assert_allclose(stated, np.hypot(0.005, 2e-4), rtol=1e-9)
+    # the linear model is that of the last simulated runs, where its step is none
+    h = np.linalg.solve(refined.curves.B, refined.parameters)
+    left = -np.log1p(refined.misfit_after)
+    np.testing.assert_allclose(refined.runs.y - refined.runs.X @ h, left, atol=1e-12)
+    assert refined.warnings == ()
     error, se = at_nodes(refined)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     relative = refined.surface.mu_se_nodes / refined.surface.mu_nodes
@@ -58,14 +76,14 @@ def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
     own = noise + smoothed * prior @ smoothed.T
     at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
     expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
-    scatter = found.uncertainty.scatter
+    scatter = found.uncertainty.factor[..., len(found.uncertainty.sources) :]
     np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
 
 
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
     sources = Source("EI", "bending_stiffness", size=0.05), Source("gain", "tension_gain", size=0.1)
     found = refine_surface(campaign("5pk", speeds=TWO), TWO, sources)
-    mean, sd = found.stated_errors
+    mean, sd = np.array([told for _, *told in found.stated_errors]).T
     assert sd[0] < 0.3  # the runs show it better than it was stated
     left = found.uncertainty.sources
     assert left[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
@@ -106,10 +124,27 @@ def test_arcs_that_differ_are_found_and_the_surface_says_so() -> None:
     np.testing.assert_allclose(arcs - arcs.mean(), effects - effects.mean(), atol=0.001)
     error, se = at_nodes(found)
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.88
+    columns = np.eye(3)[of.measured.arc] * found.runs.response[:, None]
+    np.testing.assert_array_equal(found.runs.effects[ARC], columns)
     apart = number(found, ARC)
     assert apart.is_clear
     assert abs(apart.size - 0.06) < 1.96 * apart.uncertainty < 0.02
     assert apart.arcs_deg[0] == pytest.approx(68.0)
+
+
+def test_an_effect_that_another_one_explains_as_well_is_large_but_not_clear() -> None:
+    """The arcs of two sessions, one arc in each."""
+    found, second = solved("5pk", 0.005, SMALL), np.arange(N) >= N // 2
+    response = found.runs.response[:, None]
+    arcs, session = np.column_stack([~second, second]) * response, (second - 0.5)[:, None]
+    y = found.runs.y + 0.03 * arcs[:, 1]
+    runs = replace(found.runs, y=y, effects={ARC: arcs, ORDER: session * response})
+    posterior = runs.choose({})
+    both = replace(found, runs=runs, posterior=posterior, covariance=posterior.covariance)
+    both = replace(both, uncertainty=replace(found.uncertainty, arcs_deg=np.array([40.0, 82.0])))
+    assert [number(both, key).is_large for key in (ARC, ORDER)] == [False, True]
+    assert not number(both, ARC).is_clear
+    assert not number(both, ORDER).is_clear
 
 
 def test_one_speed_and_one_arc() -> None:
@@ -121,6 +156,36 @@ def test_one_speed_and_one_arc() -> None:
     force = np.geomspace(2000.0, 7000.0, 20)
     expected = true_mu("5pk", force, 0.0105)
     np.testing.assert_allclose(refined.surface.mu(force, 0.0105), expected, rtol=0.01)
+
+
+def test_an_iteration_that_finds_nothing_better_ends_with_its_last_change(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    of, changes = campaign("5pk", 0.005, TWO), [5e-5] * CHOICES + [2e-4] * CHOICES
+    fit = Problem(RigRuns(of, TWO, MESH), of.bench.surface, of.measured, None)
+    monkeypatch.setattr(Problem, "_descend", lambda *_: (0.0, changes.pop(0), 1.0))
+    fit.solved()
+    assert (fit.iterations, fit.still_changing) == (CHOICES, 5e-5)  # said in a warning
+    with pytest.raises(ConvergenceError, match=f"in {CHOICES} iterations"):
+        fit.solved()
+
+
+def test_a_step_that_cannot_be_simulated_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
+    of = campaign("5pk", 0.005, TWO)
+    fit = Problem(RigRuns(of, TWO, MESH), of.bench.surface, of.measured, None)
+    runs = fit.linearised(np.ones(N), fit.done.J.sum(axis=1))
+    fails, posterior = [True] * 7, runs.choose({})
+
+    def trial(*of_run: Any) -> Sweep:
+        if fails and fails.pop():
+            raise NumericsError("no sliding state")
+        return sweep(*of_run)
+
+    monkeypatch.setattr("beltid.refine.inverse.sweep", trial)
+    with pytest.raises(NumericsError, match="no sliding state"):
+        fit._descend(runs, posterior)
+    fails.append(True)
+    assert fit._descend(runs, posterior)[0] == 0.5
 
 
 @pytest.mark.long
@@ -156,15 +221,15 @@ def test_only_the_right_boundary_recovers_the_surface() -> None:
 
 def test_effects_that_the_runs_cannot_show_are_left_out() -> None:
     five = Measured(R, np.zeros(5, int), *np.ones((6, 5)), order=np.zeros(5, int))
-    assert campaign_effects(five, None) == ()
+    assert campaign_effects(five, None) == {}
     known = replace(five, temperature_degC=np.array([20, 20, 30, 30, np.nan]))
     # a temperature that is not known is the mean; per 10 K
     for reference, expected in (
         (None, [-0.5, -0.5, 0.5, 0.5, 0.0]),
         (20.0, [0.0, 0.0, 1.0, 1.0, 0.5]),
     ):
-        (warm,) = campaign_effects(known, reference)
-        np.testing.assert_allclose(warm.columns[:, 0], expected)
+        (warm,) = campaign_effects(known, reference).values()
+        np.testing.assert_allclose(warm[:, 0], expected)
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import beltid.refine.posterior as refined
-from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
+from beltid.refine.posterior import CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS
 from beltid.uncertainty.sources import ARC, ORDER
 
 N, FORCES = 60, np.log(np.geomspace(300.0, 15000.0, 8))
@@ -16,18 +17,18 @@ SIZES = {CURVE: 0.04, DIFFERENCE: 0.01, NOISE: 1.0, SCATTER: 0.001}
 B = CURVES.B
 
 
-def runs(seed: int = 1, arcs: int = 3) -> refined.LinearRuns:
+def runs(seed: int = 1) -> refined.LinearRuns:
     """Runs at random forces and speeds, arcs in turn; no data yet."""
     rng = np.random.default_rng(seed)
     rows = np.zeros((N, 3, 8))
     rows[np.arange(N), rng.integers(0, 3, N)] = CURVES.basis(rng.uniform(FORCES[0], FORCES[-1], N))
-    arc = np.eye(arcs)[np.arange(N) % arcs]
+    arc = np.eye(3)[np.arange(N) % 3]
     return refined.LinearRuns(
         y=np.zeros(N),
         parts={name: rows.reshape(N, -1) @ Z for name, Z in CURVES.parts.items()},
         errors=np.full(N, SE),
         response=np.ones(N),
-        effects=(refined.Effect(ARC, arc, BEFORE[ARC]),),
+        effects={ARC: arc},
     )
 
 
@@ -39,7 +40,7 @@ def with_data(
     precision = model.precision(SIZES)
     sd = np.divide(1.0, np.sqrt(precision), out=np.zeros(precision.size), where=precision > 0.0)
     h = sd * rng.standard_normal(precision.size)
-    columns = model.effects[0].columns
+    (columns,) = model.effects.values()
     noise = np.sqrt(model.variance(SIZES)) * rng.standard_normal(N)
     y = model.X @ h + columns @ np.broadcast_to(arcs, columns.shape[1]) + noise
     return replace(model, y=y), h
@@ -48,7 +49,7 @@ def with_data(
 def test_the_estimate_is_that_of_generalised_least_squares() -> None:
     sizes = {**SIZES, ARC: 0.01}
     model, _ = with_data(runs(), 2, np.array([0.01, -0.01, 0.0]))
-    Z = sizes[ARC] * model.effects[0].columns
+    Z = sizes[ARC] * model.effects[ARC]
     V = np.diag(model.variance(sizes)) + Z @ Z.T
     P = np.diag(model.precision(sizes))
     inverse = np.linalg.inv(model.X.T @ np.linalg.solve(V, model.X) + P)
@@ -78,48 +79,18 @@ def test_the_misfit_is_least_at_the_estimate_whatever_the_effects_take() -> None
         assert more == pytest.approx(step @ precision @ step, rel=1e-6)
 
 
-def test_sizes_are_found_and_intervals_of_surface_and_arcs_hold_the_truth() -> None:
-    sizes, errors, apart = [], [], []
-    for seed in range(12):
-        arcs = 0.01 * np.random.default_rng(90 + seed).normal(size=3)
-        model, h = with_data(runs(seed), seed, arcs)
-        found = model.choose({})
-        sizes.append([found.sizes[CURVE], np.sqrt(model.variance(found.sizes)[0])])
-        C = B @ found.covariance[: len(B), : len(B)] @ B.T
-        errors.append(B @ (found.mean[: len(B)] - h) / np.sqrt(np.diag(C)))
-        mean, covariance = found.of(ARC)
-        w = np.array([1.0, -1.0, 0.0])
-        apart.append(w @ (mean - arcs) / np.sqrt(w @ covariance @ w))
-    curve, noise = np.exp(np.mean(np.log(sizes), axis=0))
-    assert curve == pytest.approx(0.04, rel=0.3)
-    assert noise == pytest.approx(np.hypot(SE, 0.001), rel=0.15)
-    assert 0.85 < np.mean(np.abs(errors) < 1.96) < 0.998
-    assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.5
-
-
 def test_an_error_that_runs_share_is_found_beside_its_statement() -> None:
     column = np.linspace(-1.0, 1.0, N)[:, None] * 0.003
-    data = replace(with_data(runs(), 5)[0], shared=column, effects=())
+    data = replace(with_data(runs(), 5)[0], shared=column, effects={})
     data = replace(data, y=data.y + 1.5 * column[:, 0])
     mean, covariance = data.model().at(SIZES).of(SHARED_ERRORS)
     assert mean[0] == pytest.approx(1.5, abs=3.0 * np.sqrt(covariance[0, 0]))
     assert covariance[0, 0] < 0.25
 
 
-def test_an_effect_that_another_one_or_a_shared_error_can_replace_has_no_evidence() -> None:
-    """A campaign sorted by arcs: arcs or order. Arcs set wrongly as stated."""
-    arc = np.repeat(np.eye(2), N // 2, axis=0)
-    order = np.linspace(-0.5, 0.5, N)[:, None]
-    in_order = refined.Effect(ARC, arc, BEFORE[ARC]), refined.Effect(ORDER, order, BEFORE[ORDER])
-    data, _ = with_data(replace(runs(arcs=2), effects=in_order[:1]), 6, np.array([0.0, 0.02]))
-    data = replace(data, effects=in_order)
-    assert data.log_evidence_for(ARC, ORDER) > np.log(20.0)
-    at_random = np.random.default_rng(1).permutation(N)
-    mixed = replace(data, effects=(in_order[0], replace(in_order[1], columns=order[at_random])))
-    assert mixed.log_evidence_for(ARC) > data.log_evidence_for(ARC) + 3.0
-    assert mixed.log_evidence_for(ORDER) < 1.0
+def test_an_effect_that_a_shared_error_can_replace_has_no_evidence() -> None:
     model = runs()
-    model = replace(model, shared=0.003 * model.effects[0].columns)
+    model = replace(model, shared=0.003 * model.effects[ARC])
     wrong, _ = with_data(model, 4, np.array([0.004, -0.003, 0.001]))
     assert wrong.log_evidence_for(ARC) < np.log(20.0)
 
@@ -137,6 +108,18 @@ def test_the_share_a_free_surface_explains_is_a_multiple_correlation() -> None:
 def test_a_few_runs_that_fit_by_chance_are_not_called_exact() -> None:
     model, h = with_data(runs(), 8)
     assert replace(model, y=model.X @ h).choose({}).sizes[NOISE] == 0.5
+
+
+def test_the_size_of_an_effect_is_the_interval_of_its_number() -> None:
+    order = 0.05 * np.linspace(-0.5, 0.5, N)[:, None]  # the prior counts as much as the runs
+    model = with_data(replace(runs(), effects={ORDER: order}), 3, np.array([0.02]))[0]
+    found = model.choose({})
+    (m,), ((v,),) = model.model().at({**found.sizes, ORDER: 1e3}).of(ORDER)  # by the runs alone
+    s, prior = np.geomspace(1e-5, 0.3, 2000), refined.PRIORS[ORDER]
+    density = norm.pdf(m, scale=np.sqrt(v + s**2))
+    density = density * norm.pdf(np.log(s / prior.median), scale=prior.width)
+    within = density @ (2.0 * norm.cdf(found.sizes[ORDER] / s) - 1.0) / density.sum()
+    assert within == pytest.approx(0.6827, abs=4e-3)  # to its grid of sizes
 
 
 # --- splines and their smooth coordinates ---

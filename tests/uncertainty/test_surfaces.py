@@ -19,6 +19,10 @@ def nominal():
     return refine_surface(campaign, SMALL.speeds, sources)
 
 
+def stated(nominal):
+    return [source for source, *_ in nominal.stated_errors]
+
+
 @pytest.fixture(scope="module")
 def slopes(nominal):
     """Derivatives of the runs by knots, inputs and speed, about the refined surface."""
@@ -27,7 +31,7 @@ def slopes(nominal):
     done = sweep(rig, nominal.curves, nominal.parameters)
     surfaces = nominal.curves.surfaces(nominal.parameters)
     at = surfaces, speeds, done.speed_slope
-    return done, surfaces, *residual_changes(campaign, nominal.stated, *at)
+    return done, surfaces, *residual_changes(campaign, stated(nominal), *at)
 
 
 def test_slopes_obey_the_dimensions(nominal, slopes):
@@ -51,16 +55,6 @@ def test_slopes_obey_the_dimensions(nominal, slopes):
     assert np.max(np.abs(lengths)) < 0.03
 
 
-def test_a_higher_surface_raises_the_runs_by_their_sensitivities(nominal, slopes):
-    done, step, rig = slopes[0], 1e-3, RigRuns(nominal.campaign, SMALL.speeds, MESH)
-    for knots in (slice(None), slice(-8, None)):
-        raised = nominal.parameters.copy()
-        raised[knots] += step
-        change = sweep(rig, nominal.curves, raised).log_mu - done.log_mu
-        expected = step * done.J[:, knots].sum(axis=1)
-        np.testing.assert_allclose(change, expected, atol=2e-3 * np.abs(expected).max())
-
-
 def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slopes):
     done, surfaces, expected, _ = slopes
 
@@ -72,7 +66,7 @@ def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slo
         return np.log(after.mu) - rig.log_mu(surfaces, done.speed_slope)
 
     before = difference(Errors())
-    for source, change in zip(nominal.stated, expected.T, strict=True):
+    for source, change in zip(stated(nominal), expected.T, strict=True):
         found = difference(Errors.single(source)) - before
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
@@ -81,7 +75,7 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     measured = nominal.campaign.measured
     grid = published_grid(measured)
     found = published_uncertainty(measured, grid, GIVEN)
-    sources, changes = found.sources, found.changes
+    sources, changes = found.sources, found.factor[..., : len(found.sources)]
     both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
     # a gain of both cells moves the forces alone: mu changes by the slope along the force
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
