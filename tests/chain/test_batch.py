@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from called import beltid, contents, environment
 from golden.benches import speed_loss
-from small_bench import beltid, contents, environment
 
 from beltid.stages import friction
 
