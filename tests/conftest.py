@@ -119,6 +119,14 @@ def small(made_once: MakeOnce) -> Path:
     return made_once("golden_small", benches.small)
 
 
+@pytest.fixture(scope="session")
+def of_two(made_once: MakeOnce) -> Path:
+    """Folder with the configs of two belts (synthetic), and their results made by one process."""
+    from golden import benches
+
+    return made_once("of_two", benches.two_belts)
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of a page stay empty: for tests of what is around them, and written when."""

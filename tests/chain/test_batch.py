@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from called import beltid, contents, environment
 from golden.benches import speed_loss
-from small_bench import beltid, contents, environment
 
 from beltid.stages import friction
 
@@ -86,7 +86,7 @@ def test_reports_compare_the_belts_and_cost_nothing_when_they_are_in_date(tmp_pa
     page = tmp_path / "runs" / "report.html"
     assert beltid(tmp_path, "run", "a.yaml").exit_code == 0
     assert not page.exists()  # of a single belt
-    assert beltid(tmp_path, "run", *configs).exit_code == 0
+    assert beltid(tmp_path, "run", *configs, "-j", "1").exit_code == 0
     text = page.read_text()
     assert 'href="a/report.html"' in text
     assert 'href="b/report.html"' in text
@@ -98,7 +98,7 @@ def test_reports_compare_the_belts_and_cost_nothing_when_they_are_in_date(tmp_pa
     assert contents(tmp_path / "runs") == made
     mine = tmp_path / "runs" / "a" / "report.html"
     mine.write_text("my own notes\n")
-    done = beltid(tmp_path, "run", *configs, "--json")
+    done = beltid(tmp_path, "run", *configs, "-j", "1", "--json")
     assert done.exit_code == 5
     states = [row["stages"]["report"] for row in json.loads(done.stdout)["table"]]
     assert states == ["failed", "up to date"]

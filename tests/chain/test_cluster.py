@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_bench import BELTID, beltid, contents, read_until, started
+from called import BELTID, beltid, contents, read_until, started
 
 from beltid.errors import InputError
 from beltid.stages.workers import refuse_others

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_bench import BELTID, beltid, contents, read_until, started
+from called import BELTID, beltid, contents, read_until, started
 
 from beltid.batch.run import FAILED, Belt, run_in_processes
 

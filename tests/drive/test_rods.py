@@ -29,15 +29,16 @@ def pulley_of(R: float, surface: FrictionSurface = HALF) -> FlowPulley:
 @pytest.mark.parametrize(
     ("R", "v0", "P_in", "P_out", "W", "torque"),
     [
-        # boundary-value problem of second order, friction smoothed over 3e-7 to 3e-6 of the speed
-        (0.05, 1.1, 400, 200, 20.118338, 9.98653),
-        (0.05, 1.1, 200, 400, 20.066338, -9.98547),
-        (0.05, 1.1, 300, 300, 20.092933, 0.0008),
-        (0.05, 30.0, 400, 200, 20.136465, 9.98652),
-        (0.0275, 1.1, 400, 200, 36.716497, 5.47941),
-        (0.0275, 1.1, 200, 400, 36.575698, -5.47512),
-        (0.02, 1.1, 400, 200, 50.698550, 3.97497),
-        (0.02, 1.1, 200, 400, 50.431757, -3.96711),
+        # boundary-value problem of second order, friction smoothed over 3e-7 to 3e-6 of the speed;
+        # forces as floats: the kernels would be compiled again for integers
+        (0.05, 1.1, 400.0, 200.0, 20.118338, 9.98653),
+        (0.05, 1.1, 200.0, 400.0, 20.066338, -9.98547),
+        (0.05, 1.1, 300.0, 300.0, 20.092933, 0.0008),
+        (0.05, 30.0, 400.0, 200.0, 20.136465, 9.98652),
+        (0.0275, 1.1, 400.0, 200.0, 36.716497, 5.47941),
+        (0.0275, 1.1, 200.0, 400.0, 36.575698, -5.47512),
+        (0.02, 1.1, 400.0, 200.0, 50.698550, 3.97497),
+        (0.02, 1.1, 200.0, 400.0, 50.431757, -3.96711),
     ],
 )
 def test_speed_and_torque_of_an_independent_rod(
@@ -69,7 +70,7 @@ def test_a_start_that_does_not_help_leaves_no_trace() -> None:
 
 @pytest.mark.parametrize(
     ("P_in", "P_out", "W", "torque"),
-    [(400, 200, 20.116602, 9.98639), (200, 400, 20.065115, -9.98534)],
+    [(400.0, 200.0, 20.116602, 9.98639), (200.0, 400.0, 20.065115, -9.98534)],
 )
 def test_friction_that_depends_on_force_and_speed(
     P_in: float, P_out: float, W: float, torque: float

@@ -248,14 +248,15 @@ IN_UNITS = {
     ("where", "unit"), [(k, u) for k, units in IN_UNITS.items() for u in units]
 )
 def test_a_unit_is_converted_whoever_states_it(where: str, unit: str, tmp_path: Path) -> None:
-    """Behind the name, below it, or in the config."""
+    """Behind the name; for the first unit of a column, below it or in the config as well."""
     kind, column = where.split()
     written = w.named(kind, {column: unit})
     plain = written.rename(columns={f"{w.NAMES[column][0]} [{unit}]": "Kanal 7"})
     config = {"columns": {kind: {column: "Kanal 7"}}, "units": {kind: {column: unit}}}
     text(kind, w.table(written)).read(tmp_path)
-    text(kind, w.table(written, ";", units_row=True)).read(tmp_path)
-    text(kind, w.table(plain), config=config).read(tmp_path)
+    if unit == IN_UNITS[where][0]:
+        text(kind, w.table(written, ";", units_row=True)).read(tmp_path)
+        text(kind, w.table(plain), config=config).read(tmp_path)
 
 
 # --- clocks --------------------------------------------------------------------------------------
@@ -308,10 +309,7 @@ RESULTS = {
     "press": ["k_linear_N_m2", "k_quadratic_N_m3"],
     "speedloss": ["torque_N_m", "speed_loss_rad_s", "slip_speed_m_s"],
 }
-BY_COMMAND = [
-    "semicolons", "1 234.5", "testXpert", "TRA", "TDMS", "Excel", "Parquet", "zip",
-    "folder of LVM", "table of files",
-]  # fmt: skip
+BY_COMMAND = ["semicolons", "1 234.5", "testXpert", "TRA", "zip", "table of files"]
 PLAIN = {"rig": "csv", "press": "csv of the press", "speedloss": "csv of the drive"}
 
 

@@ -2,7 +2,6 @@
 
 import copy
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -391,21 +390,3 @@ def test_identities_of_a_drive() -> None:
         assert driver - driven == pytest.approx(power, rel=1e-6, abs=1e-6)
     idle = frame[frame["point"] == frame["point"].iloc[0]]
     assert idle["speed_loss_rad_s"].abs().max() < 1e-9
-
-
-def test_speed_loss_of_the_5pk_bench(belt_5pk: Path) -> None:
-    """T7: predicted from the identified laws, against the noise-free truth (synthetic)."""
-    frame = pd.read_parquet(belt_5pk / "drive.parquet")
-    driven = frame[frame["pulley"] == "driven"].set_index("run")
-    truth = pd.read_csv(ROOT / "tests/truth/5pk/speedloss_truth.csv").set_index("run")
-    judged = truth.index[truth["torque_N_m"] > 0.2 * truth["torque_N_m"].max()]
-    loss = driven.loc[judged, "speed_loss_rad_s"] / truth.loc[judged, "speed_loss_rad_s"] - 1
-    tight = driven.loc[judged, ["tension_in_N", "tension_out_N"]].max(axis=1)
-    error = tight / truth.loc[judged, "tension_tight_N"] - 1
-    u = driven.loc[judged, "speed_loss_u_rad_s"] / truth.loc[judged, "speed_loss_rad_s"]
-    found = {
-        "loss_rms_percent": float(100 * np.sqrt((loss**2).mean())),
-        "loss_over_u": float(np.sqrt(((loss / u) ** 2).mean())),
-        "tension_rms_percent": float(100 * np.sqrt((error**2).mean())),
-    }
-    kept.check("drive/5pk_bench", {"at_most": found})

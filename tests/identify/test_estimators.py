@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from virtual_rig import with_memory
 
 from beltid.identify.estimators import (
     difference_sigma,
@@ -24,7 +24,7 @@ STEADY = np.tile([-1.0, 0.0, 1.0], 20)  # median 0, median deviation 1
 
 def autoregressive(rng: np.random.Generator, n: int, a: float) -> np.ndarray:
     """x[k] = a x[k-1] + e[k], stationary, unit variance: tau = (1 + a)/(1 - a) in closed form."""
-    return lfilter([np.sqrt(1 - a * a)], [1.0, -a], rng.normal(size=n + 400))[400:]
+    return with_memory(np.sqrt(1 - a * a) * rng.normal(size=n + 400), a)[400:]
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 from golden import benches
 from hypothesis import assume, example, given, settings, strategies as st
-from scipy.signal import lfilter
-from virtual_rig import Recipe, bench, record, reduce_runs
+from virtual_rig import Recipe, bench, record, reduce_runs, with_memory
 
 from beltid.identify.friction.reduction import RunReduction
 
@@ -237,7 +236,7 @@ def test_noise_that_is_slower_than_the_sliding_is_seen_at_rest() -> None:
     build_up = 1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / 2.5e-4)
     memory = np.exp(-1.0 / 100.0)
     steps = rng.normal(0.0, 0.3 * np.sqrt(1.0 - memory**2), (2, n, t.size + 1000))
-    noise = lfilter([1.0], [1.0, -memory], steps)[..., 1000:]
+    noise = with_memory(steps, memory)[..., 1000:]
     ratio = 0.3 * np.radians(arc)[:, None] * build_up
     slack = 2.0 * tension[:, None] / (1.0 + np.exp(ratio))
     columns = {

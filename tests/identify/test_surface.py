@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.stats import norm, t as student
+from scipy.special import ndtr, stdtrit
 
 from beltid.arrays import Array, Mask
 from beltid.errors import InputError
@@ -263,7 +263,7 @@ def average_of(*rows, errors_known=True):
 
 
 # Student's t with one, two and three degrees of freedom; as probable as one standard deviation
-T_1, T_2, T_3 = (student.ppf(norm.cdf(1.0), n) for n in (1, 2, 3))
+T_1, T_2, T_3 = (stdtrit(n, ndtr(1.0)) for n in (1, 2, 3))
 LONG, SHORT = (1000.0, 2000.0, 4000.0), (1000.0, 2000.0)
 
 

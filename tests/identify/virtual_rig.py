@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from beltid.arrays import Array, Mask
 from beltid.identify.friction.reduction import reduce_records
@@ -317,7 +317,14 @@ def _autoregressive(a: float, shape: tuple[int, ...], rng: np.random.Generator) 
     if not a:
         return x
     x[:, 1:] *= np.sqrt(1.0 - a**2)
-    return lfilter([1.0], [1.0, -a], x, axis=1)
+    return with_memory(x, a)
+
+
+def with_memory(x: Array, a: float) -> Array:
+    """y[k] = a y[k-1] + x[k] along the last axis."""
+    n = x.shape[-1]
+    band = np.array([np.ones(n), np.full(n, -a)])
+    return solve_banded((1, 0), band, x.reshape(-1, n).T).T.reshape(x.shape)
 
 
 def _slow(part: Noise, rate: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:

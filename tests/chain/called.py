@@ -1,11 +1,10 @@
-"""A folder with a few runs of the 5PK recordings and configs of belts, and the program on it."""
+"""The program on a folder: in this process, or in one that can be watched and stopped."""
 
 import contextlib
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from typer.testing import CliRunner, Result
@@ -13,34 +12,7 @@ from typer.testing import CliRunner, Result
 from beltid.cli import app
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT / "rigdata" / "5pk"
 BELTID = (sys.executable, "-m", "beltid")
-PartOfRig = Callable[..., str]
-
-CONFIG = """\
-belt: {{name: {name}}}
-rig:
-  arcs_deg: [40, 82]
-  initial_tensions_N: [100, 411]
-  pulley_speeds_rad_s: [0.05, 0.10]
-simulation: {{method: {method}, elements: 20}}
-compare: {{max_rms_relative_error: 0.2, max_mean_relative_error: 0.2, max_relative_error: 0.9}}
-cross_validate: {{by: {by}}}
-data: {{press: press.csv, rig: rig.csv}}
-"""
-
-
-def small_bench(folder: Path, part_of_rig: PartOfRig) -> None:
-    """Recordings of one press test and 8 of 120 runs, and configs of two belts.
-
-    One is simulated in time, the other at its limit; of that, an arc is left out and predicted.
-    """
-    header, *lines = (DATA / "press.csv").read_text().splitlines(keepends=True)
-    one_test = [line for line in lines if line.startswith("P22,")]
-    (folder / "press.csv").write_text("".join([header, *one_test]))
-    (folder / "rig.csv").write_text(part_of_rig((40, 82), (100, 411), (0.05, 0.10)))
-    for name, method, by in (("one", "transient", "none"), ("two", "steady", "arc")):
-        (folder / f"{name}.yaml").write_text(CONFIG.format(name=name, method=method, by=by))
 
 
 def environment(**settings: str) -> dict[str, str]:
