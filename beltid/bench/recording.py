@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import cells, formats
-from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.formats import TIME
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant, rig_of
@@ -26,7 +25,16 @@ from beltid.bench.raw import (
     read_parquet,
     word_of,
 )
-from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
+from beltid.bench.runs import (
+    Checker,
+    Part,
+    is_timed,
+    joined,
+    read_part,
+    run_table,
+    settings_in_head,
+    tables_of_runs,
+)
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
 from beltid.errors import InputError, Problems
