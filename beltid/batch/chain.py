@@ -12,8 +12,8 @@ from beltid import stages
 from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_BUG, EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import log, prefixed
+from beltid.report.results import summary_of
 from beltid.report.summary import Summary
-from beltid.report.view import summary_of
 from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, mark_to_write

@@ -29,11 +29,9 @@ from beltid.bench.raw import (
     span_of,
     split_unit,
 )
-from beltid.config import Config
-from beltid.config.model import KINDS, DialectSection
+from beltid.config.model import KINDS, Config, DialectSection
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
-from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
     CONVERSIONS,
     Calibration,
@@ -73,7 +71,7 @@ OTHER_UNITS = {  # names such as ``force_kN`` -> the column ``force_N``, and ``k
 class Needs:
     """What is wanted from the files of a bench: the table to fill, and what the config states."""
 
-    table: Table
+    table: schemas.Table
     names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
     units: Mapping[str, Any] = field(default_factory=dict)  # our column -> unit, calibration
     pattern: str | None = None  # of the file names, with label and settings
@@ -231,7 +229,7 @@ def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[C
     return channels
 
 
-def lacking(table: Table, has: Collection[str]) -> list[str]:
+def lacking(table: schemas.Table, has: Collection[str]) -> list[str]:
     """Return the sensors that a run lacks; a friction rig needs two of its forces."""
     known = {*schemas.SETTINGS, "time_s", table.label, *has}
     missing = [c.name for c in table.columns if c.required and c.name not in known]
@@ -263,7 +261,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     return {role: matches for role, matches in found.items() if matches}
 
 
-def _can_be(channel: Channel, column: Column) -> bool:
+def _can_be(channel: Channel, column: schemas.Column) -> bool:
     """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
     unit = channel.unit
     if channel.written:
@@ -311,7 +309,9 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
     return replace(match, by=signed, stated=isinstance(by, Conversion))
 
 
-def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:
+def _conversion(
+    column: schemas.Column, found: Found, needs: Needs
+) -> Conversion | tuple[str, ...] | None:
     """Return the conversion of a channel; what is unclear and its answers; None: no unit stated."""
     channel, ours = found.channel, column.unit
     unit, stated = channel.unit, needs.units.get(column.name, {})
@@ -441,7 +441,9 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
     return {"kind": "torque"} | ({"holds": f"weight_{span}"} if span else {})
 
 
-def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:
+def notes_of(
+    found: Mapping[str, Found], table: schemas.Table, channels: Sequence[Channel]
+) -> list[str]:
     """Return notes on the channels that were recognised, converted and left out."""
     notes = []
     for role, match in found.items():

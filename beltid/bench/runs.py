@@ -13,8 +13,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beltid.bench import cells, mapping
-from beltid.bench.mapping import Channel, Found, Needs, channels_of, lacking, meant, resolved
+from beltid.bench.cells import read_text
+from beltid.bench.mapping import (
+    Channel,
+    Found,
+    Needs,
+    channels_of,
+    channels_of_head,
+    lacking,
+    mapped,
+    meant,
+    notes_of,
+    refuse_missing,
+    resolved,
+)
 from beltid.bench.raw import (
     DAY_S,
     POSITION,
@@ -76,14 +88,14 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     channels = [c for c in named if c.raw in raws and (id(c.raw), c.key) not in own]
     raw, notes = raws[0], [*dict.fromkeys(note for raw in raws for note in raw.notes)]
     place = f"{raw.place}:{raw.units_line}" if raw.units_line else raw.head
-    found = mapping.mapped(channels, needs, place)
+    found = mapped(channels, needs, place)
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
     is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
     unclear = () if is_mapped else meant(channels, needs)
-    mapping.refuse_missing(channels, found, needs, raw.head, {*stated, *unclear})
+    refuse_missing(channels, found, needs, raw.head, {*stated, *unclear})
     if not is_mapped or lacking(needs.table, {*found, *stated}):
         return None
     columns, rows = (
@@ -91,7 +103,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
         if times
         else _filled({r: values_of(match, needs, clock) for r, match in found.items()})
     )
-    notes += mapping.notes_of(found, needs.table, channels)
+    notes += notes_of(found, needs.table, channels)
     for raw in raws:
         for name in [*raw.frame]:
             del raw.frame[name]  # its memory is free
@@ -212,7 +224,7 @@ def _of_head(
 
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
     """Return our settings -> header fields: of the name in the config, else of known names."""
-    found = meant(mapping.channels_of_head(fields, needs.dialect), needs) if fields else {}
+    found = meant(channels_of_head(fields, needs.dialect), needs) if fields else {}
     return {
         role: matches
         for role, matches in found.items()
@@ -229,7 +241,7 @@ def run_table(of: Needs) -> dict[str, Mapping[str, Any]]:
     file = Column("file", "string", "", "name of the file, or of the group")
     columns = (file, *(replace(column, required=False) for column in told))
     needs, path = Needs(replace(of.table, columns=columns)), of.run_table
-    part = read_part([*cells.read_text(path, str(path), needs.dialect, needs.problems)], needs)
+    part = read_part([*read_text(path, str(path), needs.dialect, needs.problems)], needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, Mapping[str, Any]] = {}

@@ -12,8 +12,8 @@ import numpy as np
 from beltid.config import find_config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
-from beltid.report.page import belt_page, belts_page
-from beltid.report.results import BeltResults, Sheet, verdict_of
+from beltid.report.page import belt_page, belts_page, verdict_of
+from beltid.report.results import BeltResults, Sheet
 from beltid.report.summary import Summary
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stage import RECORDINGS, as_measured
@@ -27,7 +27,6 @@ from beltid.stages.page_mark import (
     links_to,
     mark_to_write,
     recordings_of,
-    sealed,
 )
 from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, misfits, read_artifact, refuse_misfits
@@ -66,7 +65,7 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*results[0].problems, *problems]
             results = [replace(results[0], profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        write_bytes(out, sealed(page).encode())
+        write_bytes(out, page.encode())
         facts = {
             "figures": page.count("<figure "),
             "figures_missing": page.count('<p class="absent">'),
