@@ -32,6 +32,7 @@ from beltid.bench.raw import (
 from beltid.config.model import KINDS, Config, DialectSection
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
+from beltid.tables.schemas import Column, Table
 from beltid.tables.units import (
     CONVERSIONS,
     Calibration,
@@ -51,7 +52,6 @@ _IN_RPM = re.compile(  # names of speeds in turns per minute
     re.IGNORECASE,
 )
 _DIGITS = "0123456789 "
-_PER_SECOND = ("1/s", "s-1", "s^-1", "s⁻¹")
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
 _END = str.maketrans(" /", "__")
 OTHER_UNITS = {  # names such as ``force_kN`` -> the column ``force_N``, and ``kN``
@@ -71,7 +71,7 @@ OTHER_UNITS = {  # names such as ``force_kN`` -> the column ``force_N``, and ``k
 class Needs:
     """What is wanted from the files of a bench: the table to fill, and what the config states."""
 
-    table: schemas.Table
+    table: Table
     names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
     units: Mapping[str, Any] = field(default_factory=dict)  # our column -> unit, calibration
     pattern: str | None = None  # of the file names, with label and settings
@@ -229,7 +229,7 @@ def channels_of_head(fields: Sequence[Field], dialect: DialectSection) -> list[C
     return channels
 
 
-def lacking(table: schemas.Table, has: Collection[str]) -> list[str]:
+def lacking(table: Table, has: Collection[str]) -> list[str]:
     """Return the sensors that a run lacks; a friction rig needs two of its forces."""
     known = {*schemas.SETTINGS, "time_s", table.label, *has}
     missing = [c.name for c in table.columns if c.required and c.name not in known]
@@ -261,7 +261,7 @@ def meant(channels: Sequence[Channel], needs: Needs) -> dict[str, list[Found]]:
     return {role: matches for role, matches in found.items() if matches}
 
 
-def _can_be(channel: Channel, column: schemas.Column) -> bool:
+def _can_be(channel: Channel, column: Column) -> bool:
     """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
     unit = channel.unit
     if channel.written:
@@ -309,20 +309,18 @@ def resolved(matches: Sequence[Found], needs: Needs, place: str) -> Found | None
     return replace(match, by=signed, stated=isinstance(by, Conversion))
 
 
-def _conversion(
-    column: schemas.Column, found: Found, needs: Needs
-) -> Conversion | tuple[str, ...] | None:
+def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tuple[str, ...] | None:
     """Return the conversion of a channel; what is unclear and its answers; None: no unit stated."""
     channel, ours = found.channel, column.unit
     unit, stated = channel.unit, needs.units.get(column.name, {})
     plain, by, factors = canonical_unit(unit), conversion(unit, ours), "{factor: ..., offset: ...}"
-    is_word = isinstance(stated, str)
-    if of := calibration(stated, ours) if is_word else Calibration(**stated) if stated else None:
+    of = calibration(stated, ours) if isinstance(stated, str) else stated and Calibration(**stated)
+    if of:
         wrong = f"is in {unit}, but the calibration of the config is for {of.per}"
         return of.conversion(unit) or (wrong, factors)
-    if is_word and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
+    if stated and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
         return "is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}"
-    if is_word:
+    if stated:
         return conversion(stated, ours)
     both = [canonical_unit(u) for u in channel.units if conversion(u, ours)]
     ending, scaling = channel.key.rpartition("_")[2], channel.raw.scaling.get(channel.key)
@@ -346,7 +344,7 @@ def _conversion(
             *(f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"),
         ),
         (
-            is_turning and unit.strip(" []()").replace(" ", "") in _PER_SECOND,
+            is_turning and unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹"),
             *(f"is in {unit}, turns or radians", "rev/s", "rad/s"),
         ),
         (
@@ -441,9 +439,7 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
     return {"kind": "torque"} | ({"holds": f"weight_{span}"} if span else {})
 
 
-def notes_of(
-    found: Mapping[str, Found], table: schemas.Table, channels: Sequence[Channel]
-) -> list[str]:
+def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:
     """Return notes on the channels that were recognised, converted and left out."""
     notes = []
     for role, match in found.items():

@@ -133,13 +133,9 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
 
 def _filled(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """Leave out the rows in which all of our columns that the file has are empty."""
-    numbers_first = sorted(columns.values(), key=lambda values: values.dtype == object)
-    empty = np.array(bool(columns))
-    for values in numbers_first:
-        empty = empty & absent(values) if empty.any() else empty
-    if not empty.any():
+    if any(x.dtype != object and not absent(x).any() for x in columns.values()):
         return columns, None
-    rows = np.flatnonzero(~empty)
+    rows = np.flatnonzero(~np.logical_and.reduce([absent(x) for x in columns.values()]))
     return {role: values[rows] for role, values in columns.items()}, rows
 
 

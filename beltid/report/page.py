@@ -220,9 +220,6 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
         }
 
 
-# --- the verdict ---------------------------------------------------------------------------------
-
-
 class Verdict(NamedTuple):
     """Whether the law is proven."""
 

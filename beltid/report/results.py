@@ -204,8 +204,6 @@ def load_name(friction: Sheet) -> str:
     return "weight" if "weight" in rig else "belt tension"
 
 
-# --- what is shown of an artifact -----------------------------------------------------------------
-
 FEW = 16  # number of rows up to which a table is shown as it is
 MOST_LINES = 40
 MOST_RANGES = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
