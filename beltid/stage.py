@@ -130,7 +130,7 @@ class Outcome(Said, Generic[Result]):
         return Artifact(self.columns, Record(**self.said()), Path(self.kind), "")
 
     def __repr__(self) -> str:
-        from beltid.report.view import text_of
+        from beltid.report.results import text_of
 
         return text_of(self.as_artifact())
 

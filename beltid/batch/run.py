@@ -33,8 +33,8 @@ from beltid.errors import (
     TooFewSettings,
 )
 from beltid.notes import log, prefixed, python_warnings
+from beltid.report.results import summary_of
 from beltid.report.summary import Summary
-from beltid.report.view import summary_of
 from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, checked, lacking
 from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page

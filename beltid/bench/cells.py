@@ -53,7 +53,6 @@ BLOCK = 2 << 20  # bytes that Arrow reads at a time
 LONGEST_LINE = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 _WHOLE = re.compile(r"[-+]?[1-9]\d\d", re.ASCII)  # without decimals, as long as a group
-_SPACING = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)  # between no cells
 _ZWICK = re.compile("Standardkraft|Standardweg|Traversenweg")  # in exports of testXpert
 # A formula without a value in the XML of a sheet
 _UNCOMPUTED = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
@@ -161,8 +160,8 @@ def read_text(path: Path, place: str, dialect: DialectSection, problems: Problem
     if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
-    if separator == " ":
-        body = bytearray(_SPACING.sub(b"", body))
+    if separator == " ":  # those between no cells go
+        body = bytearray(re.sub(rb"(?m)^ +| +(?=[ \n]|\Z)", b"", body))
     cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     columns = {

@@ -34,7 +34,7 @@ _TECHNICAL = re.compile(  # header keys that describe the format, not the measur
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )
-Header = dict[str, list[str]]
+Header = dict[str, list[str]]  # key -> its cells, one per channel
 
 
 class Written(NamedTuple):
@@ -219,9 +219,9 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
     problems, parts, end = Problems(), list[tuple[Raw, float]](), 0
-    head = _header(lines[: starts[0] if starts else 0])
+    own = Header()
     for at, last in itertools.pairwise([*starts, len(lines)]):
-        own = head | _header(lines[end:at])
+        own |= {cells[0]: [*cells[1:]] for cells in lines[end:at] if cells[0]}
         end = next(
             (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels"), last
         )
@@ -240,11 +240,6 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
     for number, (raw, _) in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
         yield replace(raw, name=name, encoding=encoding, notes=tuple(notes))
-
-
-def _header(lines: Sequence[Sequence[str]]) -> Header:
-    """Return the keys of a header and their cells, one per channel."""
-    return {cells[0]: [*cells[1:]] for cells in lines if cells[0]}
 
 
 def _cell(header: Header, key: str, k: int = 0) -> str:
@@ -370,16 +365,12 @@ def _group(group: Any, place: str) -> Variables:
 
 def _dataset(name: str, item: Any) -> Written:
     """Return a dataset: numbers or texts; None for one in another file, and for any other."""
-    import h5py
-
-    about, is_reference = dict(item.attrs), item.dtype == h5py.ref_dtype
+    about, is_reference = dict(item.attrs), "ref" in (item.dtype.metadata or {})
     if item.is_virtual or item.external or is_reference or about.get("MATLAB_empty", 0):
         return Written(name, None)
     values = np.squeeze(np.asarray(item[()]))
     if about.get("MATLAB_class", b"") == b"char":
         return Written(name, "".join(chr(code) for code in np.ravel(values)))
-    if values.dtype.kind in "OS":
-        values = np.array([plain(v) for v in np.ravel(values)], dtype=object)
     return written(name, values, about)
 
 
@@ -399,7 +390,7 @@ def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
             elif (
                 array.ndim == 1
                 and array.size
-                and (kind in "biufSU" or all(isinstance(v, str) for v in array))
+                and (kind in "biufSU" or all(isinstance(v, (str, bytes)) for v in array))
             ):
                 found.append(member)
             elif array.size:

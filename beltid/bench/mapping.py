@@ -29,8 +29,7 @@ from beltid.bench.raw import (
     span_of,
     split_unit,
 )
-from beltid.config import Config
-from beltid.config.model import KINDS, DialectSection
+from beltid.config.model import KINDS, Config, DialectSection
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.schemas import Column, Table
@@ -53,7 +52,6 @@ _IN_RPM = re.compile(  # names of speeds in turns per minute
     re.IGNORECASE,
 )
 _DIGITS = "0123456789 "
-_PER_SECOND = ("1/s", "s-1", "s^-1", "s⁻¹")
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$")
 _END = str.maketrans(" /", "__")
 OTHER_UNITS = {  # names such as ``force_kN`` -> the column ``force_N``, and ``kN``
@@ -316,13 +314,13 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tupl
     channel, ours = found.channel, column.unit
     unit, stated = channel.unit, needs.units.get(column.name, {})
     plain, by, factors = canonical_unit(unit), conversion(unit, ours), "{factor: ..., offset: ...}"
-    is_word = isinstance(stated, str)
-    if of := calibration(stated, ours) if is_word else Calibration(**stated) if stated else None:
+    of = calibration(stated, ours) if isinstance(stated, str) else stated and Calibration(**stated)
+    if of:
         wrong = f"is in {unit}, but the calibration of the config is for {of.per}"
         return of.conversion(unit) or (wrong, factors)
-    if is_word and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
+    if stated and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
         return "is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}"
-    if is_word:
+    if stated:
         return conversion(stated, ours)
     both = [canonical_unit(u) for u in channel.units if conversion(u, ours)]
     ending, scaling = channel.key.rpartition("_")[2], channel.raw.scaling.get(channel.key)
@@ -346,7 +344,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | tupl
             *(f"is in {unit} without a calibration", per, "{factor: 250, offset: 0}"),
         ),
         (
-            is_turning and unit.strip(" []()").replace(" ", "") in _PER_SECOND,
+            is_turning and unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹"),
             *(f"is in {unit}, turns or radians", "rev/s", "rad/s"),
         ),
         (

@@ -13,9 +13,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import cells, formats
-from beltid.bench.columns import Part, read_part, run_table, settings_in_head
 from beltid.bench.files import Source, is_many, sources_of
-from beltid.bench.formats import TIME
 from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant, rig_of
 from beltid.bench.raw import (
     Raw,
@@ -26,12 +24,20 @@ from beltid.bench.raw import (
     read_parquet,
     word_of,
 )
-from beltid.bench.runs import Checker, is_timed, joined, tables_of_runs
+from beltid.bench.runs import (
+    Checker,
+    Part,
+    is_timed,
+    joined,
+    read_part,
+    run_table,
+    settings_in_head,
+    tables_of_runs,
+)
 from beltid.config.checks import name_pattern
 from beltid.config.model import KINDS
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
-from beltid.tables.schemas import Table
 from beltid.tables.values import absent
 
 IN_OUR_UNITS = "in_our_units"
@@ -231,7 +237,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
     return recording_of(parts, Path("frame"), needs)
 
 
-def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
+def table_columns(frame: Any, table: schemas.Table, name: str) -> dict[str, np.ndarray]:
     """Return the columns of numbers and texts that a table in memory has of a schema."""
     raw, columns, problems = frame_of(frame, name).frame, {}, Problems()
     for column in table.columns:
@@ -347,7 +353,7 @@ def ranges(channel: Channel) -> dict[str, float]:
     if is_text(values):  # times are no numbers
         texts = values[:0] if channel.written else values
         values = pd.Series(numbers_of(texts, raw.signs, "", raw.at, Problems()))
-    finite, time = values[np.isfinite(values)], raw.frame.get(TIME, values[:0])
+    finite, time = values[np.isfinite(values)], raw.frame.get(formats.TIME, values[:0])
     return {
         "samples": len(finite) or int(channel.values.count()),
         "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,

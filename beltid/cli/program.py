@@ -206,7 +206,7 @@ def add_step(stage: Any) -> None:
 
     def step(*, common: Common, **given: Any) -> Any:
         from beltid.bench.files import folder_of
-        from beltid.report.view import summary_of
+        from beltid.report.results import summary_of
 
         files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
         first = next(iter(files.values()), None)

@@ -243,7 +243,7 @@ def friction_part(surface: FrictionSurface, method: str, **more: Any) -> Frictio
         "v_ref_m_s": tables.v_ref,
         "patches": tables.C,
     }
-    return FrictionPart.model_validate(plain({**values, **more}))
+    return FrictionPart.model_validate(plain(values | more))
 
 
 def law_text(law: ContactLaw) -> str:
@@ -290,21 +290,26 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 
 def validation_problems(error: ValidationError, name: str) -> list[str]:
     """List the validation errors of a law, one line per problem."""
-    details = error.errors(include_url=False)[:SHOWN]
-    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
+    return [
+        f"{name}: {problem(detail, tuple(detail['loc']))}"
+        for detail in error.errors(include_url=False)[:SHOWN]
+    ]
 
 
 def schema() -> dict[str, Any]:
     """Build the JSON Schema (2020-12) of the file."""
     generated = ContactLaw.model_json_schema()
-    seal = (
-        "SHA-256 of all other keys as JSON with sorted keys and no spaces (without $schema); "
-        "remove this key after editing the file by hand"
-    )
     generated["properties"] = {
         "$schema": {"const": SCHEMA_ID, "description": "schema of this file"},
         **generated["properties"],
-        SEAL: {"type": "string", "pattern": "^[0-9a-f]{64}$", "description": seal},
+        SEAL: {
+            "type": "string",
+            "pattern": "^[0-9a-f]{64}$",
+            "description": (
+                "SHA-256 of all other keys as JSON with sorted keys and no spaces (without "
+                "$schema); remove this key after editing the file by hand"
+            ),
+        },
     }
     generated["required"] = ["format", "version", *generated["required"]]
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID}

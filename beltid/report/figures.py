@@ -5,7 +5,6 @@ belts, and budgets of uncertainties. Importing this module registers them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from itertools import cycle
 from textwrap import fill
 from typing import Any
@@ -35,6 +34,7 @@ from beltid.report.summary import axis, cell, quantity, sentence
 
 MILLI = 1e3
 FORCE, SPEED = "normal_force_N_m", "slip_speed_m_s"
+PRESS = ("penetration_m", "line_force_N_m")
 BRANCHES = {"loading": ("-", charts.MEASURED), "unloading": ("--", charts.SIMULATED)}
 POINTS = 101
 PHASES = (
@@ -63,7 +63,6 @@ NOT_READ = (
     "the recording was not read when the report was written; beltid report --config CONFIG reads it"
 )
 NO_RUN = "no run could be used"
-draw_press = partial(draw, x="penetration_m", y="line_force_N_m")
 
 
 def _chosen(sheet: Sheet, rows: Any) -> dict[str, Any]:
@@ -74,7 +73,7 @@ def _law(axes: Any, stiffness: Sheet, row: int, rows: Any = slice(None), **look:
     """Draw the law of a row up to its largest measured penetration."""
     depth = np.linspace(0.0, stiffness["max_penetration_m"][row], POINTS)
     law = {"penetration_m": depth, "line_force_N_m": stiffness.law(row).force(depth)}
-    draw_press(axes, law, rows=rows, **look)
+    draw(axes, law, *PRESS, rows, **look)
 
 
 def some(data: Any, why_not: str) -> Any:
@@ -90,7 +89,7 @@ def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
         of = np.flatnonzero(rows & (curves["branch"] == branch))
         own = {"ls": dash, "color": colour, "label": branch, **look}
         for part in series_of(curves["test"][of], curves["cycle"][of].astype(object)).values():
-            draw_press(axes, curves, rows=of[part], **own)
+            draw(axes, curves, *PRESS, of[part], **own)
 
 
 @chart("press-law", "The normal contact law (Fig. 5)", "stiffness")

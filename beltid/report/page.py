@@ -1,12 +1,13 @@
 """The pages: the report of one belt, and several belts side by side; each one file of HTML.
 
-The template is the page, from top to bottom; this module gives it its tables, notes and tiles.
+The template is the page, from top to bottom; this module gives it its verdict, tables, notes and
+tiles.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,23 @@ from beltid._version import __version__
 from beltid.errors import percent, printable
 from beltid.report import figures  # noqa: F401  (registers the charts)
 from beltid.report.charts import CHARTS, inline_svg
-from beltid.report.results import LABELS, BeltResults, Sheet, conditions, main_results, verdict_of
+from beltid.report.results import (
+    COMPARED,
+    HELD_OUT,
+    LABELS,
+    LEFT_OUT,
+    SURFACES,
+    TITLES,
+    BeltResults,
+    Sheet,
+    chosen,
+    class_name,
+    grid,
+    load_name,
+    settings_of,
+    summary_of,
+)
 from beltid.report.summary import MISSING, Table, between, cell, fact, sentence, table
-from beltid.report.view import TITLES, chosen, grid, summary_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 # words of a heading -> what the page calls them
@@ -39,6 +54,10 @@ BELTS = (
 )
 SHORT_HASH = 12
 WIDTH, HEIGHT = 200.0, 80.0  # of a tile
+DISTINCT = 0.05  # relative distance beyond which two values count as evidence of their own
+MOST_UNCERTAINTIES = 2.0  # largest RMS error, over u, at which predictions confirm a surface
+WORDS = ("no", "one", "two", "three")
+MOST_LISTED = 12  # largest number of settings that are listed; for more, the range is given
 MOST_SHOWN = 99.5  # percentile of mu at the upper edge of every tile, for spikes
 
 
@@ -199,3 +218,139 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
             "path": "".join(f"{pen}{at:.1f} {height:.1f}" for pen, at, height in points),
             "level": HEIGHT * (1.0 - friction["mu_sliding"][row] / highest),
         }
+
+
+class Verdict(NamedTuple):
+    """Whether the law is proven."""
+
+    headline: str
+    state: str  # "good", "bad" (out of tolerance) or "open"
+
+
+def verdict_of(results: BeltResults) -> Verdict:
+    """Judge the results of a belt."""
+    compared, predicted = results.every(*COMPARED), results.prediction
+    decisive, said = [*compared[:1], *([predicted] if predicted else [])], list[str]()
+    if predicted:
+        left_out, over_u = LEFT_OUT[predicted.facts["hold_out"]], predicted.over_uncertainty
+        ratio = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
+        said.append(
+            f"friction of {left_out} that was left out is predicted to {predicted.rms_percent} % "
+            f"RMS{ratio} ({_within(predicted)})"
+        )
+    if compared:
+        misses = [f"the {of.label} by {of.rms_percent} % RMS ({_within(of)})" for of in compared]
+        said.append(f"the simulated rig misses the measured friction with {', with '.join(misses)}")
+    start, state = "Identified and proven", "good"
+    if not decisive:
+        said = ["the simulated rig was not compared with the bench"]
+        start, state = "Not proven", "open"
+    elif not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
+        start, state = "Identified, but out of tolerance", "bad"
+    elif missing := "; ".join(_missing_evidence(results)):
+        start, state = f"Identified, not proven ({missing})", "open"
+    headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
+    if results.failures:
+        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
+    return Verdict(headline, state)
+
+
+def _within(sheet: Sheet) -> str:
+    if sheet.too_few_compared:
+        count, of = sheet.overall.get("n_points"), sheet.facts.get("runs_measured")
+        return f"only {cell('n', count)} of {cell('n', of)} runs compared"
+    return f"{'within' if sheet.record.passed else 'out of'} tolerance"
+
+
+def _missing_evidence(results: BeltResults) -> Iterator[str]:
+    """Yield what prevents results that agree from counting as proven."""
+    own, left_out = results.get("compare_refined"), results.prediction
+    for sheet, without, misses in (
+        (own, "no refined surface was compared", "the refined surface misses its own runs by"),
+        (left_out, "no runs were left out and predicted", "the predictions miss by"),
+    ):
+        if sheet is None:
+            yield without
+        elif sheet.too_few_compared:
+            yield _within(sheet)
+        elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
+            u = f"{sheet.over_uncertainty:.2g} of their standard uncertainties"
+            yield f"{misses} {u}, at most {MOST_UNCERTAINTIES:g} allowed"
+    if friction := results.get("friction"):
+        for setting, column, enough in (
+            ("contact arc", "arc_deg", 2),
+            (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
+            ("sliding speed", "slip_speed_m_s", 3),
+        ):
+            if (n := _distinct(np.abs(friction[column][friction["status"] == "ok"]))) < enough:
+                yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
+
+
+def _distinct(values: np.ndarray) -> int:
+    """Count the values that differ by more than `DISTINCT`, in a grid or a random design."""
+    found = [-1.0]
+    for value in np.sort(values[np.isfinite(values)]).tolist():
+        found += [value] if value > (1.0 + DISTINCT) * found[-1] else []
+    return len(found) - 1
+
+
+def main_results(results: BeltResults) -> dict[str, Any]:
+    """Return the main results of a belt by name, those that there are."""
+    row: dict[str, Any] = {"belt": results.belt, "data": results.origin}
+    if stiffness := results.get("stiffness"):
+        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
+    if friction := results.get("friction"):
+        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
+        row["runs_set_aside"] = friction["status"].size - row["runs_used"]
+    if best := results.get(*SURFACES):
+        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
+        row["mu_range"] = [float(mu.min()), float(mu.max())]
+        row["measured_force_N_m"] = best.measured_force
+        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
+        row["mu_u_percent"] = best.combined_percent
+    for sheet in results.every(HELD_OUT, *COMPARED):
+        name, word = LABELS.get(sheet.name, "predicted"), "PASS" if sheet.record.passed else "FAIL"
+        row[f"{name}_rms_percent"] = f"{word} {sheet.rms_percent}"
+    if drive := results.get("compare_drive"):
+        row["predicted_speed_loss"] = drive.record.verdict
+    return row
+
+
+def conditions(results: BeltResults) -> list[tuple[str, str]]:
+    """List belt, rig, settings, temperatures and config, each with its value.
+
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
+    """
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    if friction := results.get("friction"):
+        load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
+        lines += [
+            ("Pulley radius", _settings(np.array([1e3 * friction.pulley_radius_m]), " mm")),
+            ("Contact arcs", _settings(friction["arc_deg"], "°")),
+            (load, _settings(friction["nominal_tension_N"], " N")),
+            ("Sliding speeds v", _settings(1e3 * np.abs(friction["slip_speed_m_s"]), " mm/s")),
+            ("Surface", _joined(friction.columns.get("condition", ()))),
+            ("Side of the belt", _joined(friction.columns.get("side", ()))),
+            ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
+        ]
+    if stiffness := results.get("stiffness"):
+        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
+        lines += [
+            ("Press segment", f"{float(length):.4g} cm" if length else ""),
+            ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
+        ]
+    lines.append(("Config", _joined(sheet.record.config for sheet in results.sheets.values())))
+    return [(name, value) for name, value in lines if value]
+
+
+def _joined(texts: Iterable[str]) -> str:
+    return ", ".join(sorted(set(filter(None, texts))))
+
+
+def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
+    """List the settings of some runs, joined to so many classes."""
+    names = [class_name(values[rows]) for rows in settings_of(values, most)]
+    if len(names) > MOST_LISTED:
+        names = [f"{len(names)} from {names[0]} to {names[-1]}"]
+    return ", ".join(names) + unit if names else ""

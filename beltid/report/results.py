@@ -1,14 +1,19 @@
-"""Results of one belt as the report reads them: artifacts, settings of their runs, the verdict."""
+"""Results as the report reads them, and what people see of an artifact: facts, tables, notes.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+One view serves the command that made it, `show`, ``--json`` and the repr of a result in Python.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
 from beltid.identify.estimators import settings_of as numbered_settings, snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import cell, sentence
+from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
 from beltid.store.artifact import Artifact, combined_origin
 
 HELD_OUT = "crossvalidation"  # comparison with runs that were left out and predicted
@@ -22,11 +27,7 @@ LABELS = {
 }
 LEFT_OUT = {"arc": "an arc", "speed": "a speed"}  # label of the setting that was left out
 SAME = 0.03  # relative distance within which two values count as one setting
-DISTINCT = 0.05  # relative distance beyond which two values count as evidence of their own
 UNKNOWN = -1.0  # placeholder for an unknown setting
-MOST_UNCERTAINTIES = 2.0  # largest RMS error, over u, at which predictions confirm a surface
-WORDS = ("no", "one", "two", "three")
-MOST_LISTED = 12  # largest number of settings that are listed; for more, the range is given
 
 
 class Sheet(Artifact):
@@ -203,137 +204,224 @@ def load_name(friction: Sheet) -> str:
     return "weight" if "weight" in rig else "belt tension"
 
 
-class Verdict(NamedTuple):
-    """Whether the law is proven."""
-
-    headline: str
-    state: str  # "good", "bad" (out of tolerance) or "open"
+FEW = 16  # number of rows up to which a table is shown as it is
+MOST_LINES = 40
+MOST_RANGES = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
 
 
-def verdict_of(results: BeltResults) -> Verdict:
-    """Judge the results of a belt."""
-    compared, predicted = results.every(*COMPARED), results.prediction
-    decisive, said = [*compared[:1], *([predicted] if predicted else [])], list[str]()
-    if predicted:
-        left_out, over_u = LEFT_OUT[predicted.facts["hold_out"]], predicted.over_uncertainty
-        ratio = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
-        said.append(
-            f"friction of {left_out} that was left out is predicted to {predicted.rms_percent} % "
-            f"RMS{ratio} ({_within(predicted)})"
-        )
-    if compared:
-        misses = [f"the {of.label} by {of.rms_percent} % RMS ({_within(of)})" for of in compared]
-        said.append(f"the simulated rig misses the measured friction with {', with '.join(misses)}")
-    start, state = "Identified and proven", "good"
-    if not decisive:
-        said = ["the simulated rig was not compared with the bench"]
-        start, state = "Not proven", "open"
-    elif not all(sheet.record.passed or sheet.too_few_compared for sheet in decisive):
-        start, state = "Identified, but out of tolerance", "bad"
-    elif missing := "; ".join(_missing_evidence(results)):
-        start, state = f"Identified, not proven ({missing})", "open"
-    headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
-    if results.failures:
-        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state)
+class View(NamedTuple):
+    """What is shown of a kind: a title, columns whose values group a long table, others."""
+
+    title: str
+    by: str = ""
+    shown: str = ""
 
 
-def _within(sheet: Sheet) -> str:
-    if sheet.too_few_compared:
-        count, of = sheet.overall.get("n_points"), sheet.facts.get("runs_measured")
-        return f"only {cell('n', count)} of {cell('n', of)} runs compared"
-    return f"{'within' if sheet.record.passed else 'out of'} tolerance"
+RIG = "arc_deg pulley_speed_rad_s"
+DRIVE = "driver_speed_rad_s initial_tension_N"
+POINTS = "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
+# kind -> what is shown of it
+VIEWS = {
+    "stiffness": View(
+        "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
+        shown="temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
+        "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m",
+    ),
+    "slip": View(
+        "sliding speed of belt on pulley in service, from the loss of angular speed",
+        DRIVE,
+        "torque_N_m slip_speed_m_s slip_speed_se_m_s speed_loss_rad_s run status",
+    ),
+    "friction": View(
+        "friction coefficient of every run",
+        RIG,
+        "normal_force_N_m mu_sliding mu_sliding_u mu_sticking run nominal_tension_N status",
+    ),
+    "surface": View(
+        "friction coefficient over normal force and sliding speed",
+        shown="arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
+    ),
+    "simulated": View(
+        "friction coefficient of every simulated run, sliding",
+        RIG,
+        "normal_force_N_m mu run initial_tension_N status",
+    ),
+    "compare": View("simulated less measured friction, relative to measured", RIG, POINTS),
+    "crossvalidation": View("friction of runs left out, predicted less measured", RIG, POINTS),
+    "drive": View(
+        "speed loss and forces of a belt drive, predicted from the identified laws",
+        "pulley",
+        "torque_N_m speed_loss_rad_s hub_force_N reserve speed_loss_u_rad_s driver_speed_rad_s run "
+        "status",
+    ),
+    "compare_drive": View(
+        "predicted less measured speed loss of the drive",
+        DRIVE,
+        "torque_N_m loss_measured_rad_s loss_predicted_rad_s relative_difference e_over_u "
+        "arc_share run status",
+    ),
+    "press_curves": View("branches of the press", "test branch", "penetration_m line_force_N_m"),
+    "rig_curves": View("runs of the rig over time", "run", "time_s mu"),
+    "plan": View(
+        "the next runs of the friction rig",
+        shown="order arc_deg initial_tension_N pulley_speed_rad_s repeat repeats start_minutes "
+        "gain_percent needed_for",
+    ),
+}
+# further table that is always shown (the budget, of surfaces) -> its title
+TITLES = {
+    "budget": "standard uncertainties, in percent of the quantity",
+    "misfit": "simulated less measured friction: published surface, then refined",
+    "effects": "friction changes not in the surface, in percent of mu",
+    "slip_limits": "torque with which adhesion ends, and beyond which the drive slips grossly",
+    "installed": "with the shortest, the mean and the longest belt, at rest and most loaded",
+    "regions": "standard uncertainty by region, in percent of mu",
+    "statements": "if it were known twice as well",
+}
+# columns of further tables that have more
+COLUMNS = {
+    "budget": "quantity source basis standard_uncertainty unit contribution_percent "
+    "largest_percent",
+    "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
+    "force_high_N_m",
+}
+RUNS = "simulated_runs"  # further table that stands for the columns
+FOR_REPORT = ("uncertainty", "laid", "averaged")  # what only stages and the report read
 
 
-def _missing_evidence(results: BeltResults) -> Iterator[str]:
-    """Yield what prevents results that agree from counting as proven."""
-    own, left_out = results.get("compare_refined"), results.prediction
-    for sheet, without, misses in (
-        (own, "no refined surface was compared", "the refined surface misses its own runs by"),
-        (left_out, "no runs were left out and predicted", "the predictions miss by"),
-    ):
-        if sheet is None:
-            yield without
-        elif sheet.too_few_compared:
-            yield _within(sheet)
-        elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
-            u = f"{sheet.over_uncertainty:.2g} of their standard uncertainties"
-            yield f"{misses} {u}, at most {MOST_UNCERTAINTIES:g} allowed"
-    if friction := results.get("friction"):
-        for setting, column, enough in (
-            ("contact arc", "arc_deg", 2),
-            (load_name(friction), "nominal_tension_N", 3),  # they show the shape of the surface
-            ("sliding speed", "slip_speed_m_s", 3),
-        ):
-            if (n := _distinct(np.abs(friction[column][friction["status"] == "ok"]))) < enough:
-                yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
+def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
+    """Return what is shown of an artifact, as of the command that made it."""
+    failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
+    record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
+    columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
+    rows = rows_of(columns, *columns)
+    if runs := record.tables.get(RUNS):
+        rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
+    known = list(next(iter(rows), {}))
+    names = [name for name in f"{view.by} {view.shown}".split() if name in known]
+    facts = {k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT}
+    return Summary(
+        stage=record.made_by or artifact.kind,
+        title=view.title,
+        out=artifact.path if record.made_by else None,
+        facts=facts,  # further tables are facts for programs, under their names
+        table=rows,
+        overview=_overview(artifact, view, rows),
+        shown=tuple(sorted(names, key=lambda name: name != "run") or known),
+        details={
+            TITLES.get(name, name.replace("_", " ")): chosen(table, name)
+            for name, table in record.tables.items()
+            if name not in (RUNS, *FOR_REPORT)
+        },
+        always=tuple(
+            of for name, of in TITLES.items() if artifact.kind == "surface" or name != "budget"
+        ),
+        notes=tuple(record.notes),
+        warnings=tuple(record.warnings),
+        verdict=record.verdict,
+        exit_status=failed if record.passed is False else 0,
+        up_to_date=up_to_date,
+        origin=record.origin,
+    )
 
 
-def _distinct(values: np.ndarray) -> int:
-    """Count the values that differ by more than `DISTINCT`, in a grid or a random design."""
-    found = [-1.0]
-    for value in np.sort(values[np.isfinite(values)]).tolist():
-        found += [value] if value > (1.0 + DISTINCT) * found[-1] else []
-    return len(found) - 1
+def chosen(rows: Rows, table: str) -> Rows:
+    """Return the rows of a further table with the columns that people see."""
+    names = COLUMNS.get(table, "").split()
+    return [{name: row[name] for name in names} for row in rows] if names else rows
 
 
-def main_results(results: BeltResults) -> dict[str, Any]:
-    """Return the main results of a belt by name, those that there are."""
-    row: dict[str, Any] = {"belt": results.belt, "data": results.origin}
-    if stiffness := results.get("stiffness"):
-        row |= {name: v[stiffness.pooled_row] for name, v in stiffness.columns.items()}
-    if friction := results.get("friction"):
-        row["runs_used"] = int(np.count_nonzero(friction["status"] == "ok"))
-        row["runs_set_aside"] = friction["status"].size - row["runs_used"]
-    if best := results.get(*SURFACES):
-        nodes, mu = best.surface.normal_force_N_m, best.surface.mu_nodes
-        row["mu_range"] = [float(mu.min()), float(mu.max())]
-        row["measured_force_N_m"] = best.measured_force
-        row["valid_force_N_m"] = [float(nodes[0]), float(nodes[-1])]
-        row["mu_u_percent"] = best.combined_percent
-    for sheet in results.every(HELD_OUT, *COMPARED):
-        name, word = LABELS.get(sheet.name, "predicted"), "PASS" if sheet.record.passed else "FAIL"
-        row[f"{name}_rms_percent"] = f"{word} {sheet.rms_percent}"
-    if drive := results.get("compare_drive"):
-        row["predicted_speed_loss"] = drive.record.verdict
-    return row
+def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
+    """Return what people see of a long table: an own one, a pivot, or a row per setting."""
+    by, shown = view.by.split(), view.shown.split()
+    if "groups" in artifact.record.tables:
+        return chosen(artifact.record.tables["groups"], "groups")
+    if artifact.kind == "surface":
+        return grid(Sheet.of(artifact), errors=False)
+    if artifact.kind == "stiffness":  # without a temperature, the law of all
+        every = {"temperature_degC": "pooled"}
+        rows = [row | every if row["temperature_degC"] is None else row for row in rows]
+        return [{name: row[name] for name in shown} for row in rows]
+    return _grouped(rows, by, shown) if len(rows) > FEW else []
 
 
-def conditions(results: BeltResults) -> list[tuple[str, str]]:
-    """List belt, rig, settings, temperatures and config, each with its value.
-
-    Unknown values are left out. The settings are those of the measured runs, not those planned in a
-    config.
-    """
-    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
-    if friction := results.get("friction"):
-        load = "Weights" if load_name(friction) == "weight" else "Belt tensions at rest T₀"
-        lines += [
-            ("Pulley radius", _settings(np.array([1e3 * friction.pulley_radius_m]), " mm")),
-            ("Contact arcs", _settings(friction["arc_deg"], "°")),
-            (load, _settings(friction["nominal_tension_N"], " N")),
-            ("Sliding speeds v", _settings(1e3 * np.abs(friction["slip_speed_m_s"]), " mm/s")),
-            ("Surface", _joined(friction.columns.get("condition", ()))),
-            ("Side of the belt", _joined(friction.columns.get("side", ()))),
-            ("Rig temperature", _settings(friction["temperature_degC"], " °C", 1)),
-        ]
-    if stiffness := results.get("stiffness"):
-        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
-        lines += [
-            ("Press segment", f"{float(length):.4g} cm" if length else ""),
-            ("Press temperatures", _settings(stiffness["temperature_degC"], " °C")),
-        ]
-    lines.append(("Config", _joined(sheet.record.config for sheet in results.sheets.values())))
-    return [(name, value) for name, value in lines if value]
+def grid(sheet: Sheet, *, errors: bool) -> Rows:
+    """Return a row per force of the averaged surface, with a column per speed."""
+    (low, high), error = sheet.measured_force or (np.inf, -np.inf), sheet[sheet.mu_error[0]]
+    rows: dict[float, dict[str, Any]] = {}
+    for i in np.flatnonzero(np.isnan(sheet["arc_deg"])).tolist():
+        force, speed = (float(sheet[n][i]) for n in ("normal_force_N_m", "slip_speed_m_s"))
+        row = rows.setdefault(force, {"normal_force_N_m": force})
+        if low <= high:
+            row["range"] = "measured" if low <= force <= high else "inferred"
+        known = f" ± {error[i]:.2g}" if errors and np.isfinite(error[i]) else ""
+        row[f"{1e3 * speed:.3g} mm/s"] = cell("mu", sheet["mu"][i]) + known
+    return list(rows.values())
 
 
-def _joined(texts: Iterable[str]) -> str:
-    return ", ".join(sorted(set(filter(None, texts))))
+def _grouped(rows: Rows, by: Sequence[str], shown: Sequence[str]) -> Rows:
+    """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
+    good = [row for row in rows if row.get("status", "ok") == "ok"] or rows
+    columns = {name: [row[name] for row in good] for name in good[0]}
+    words = any(isinstance(good[0][name], str) for name in by)
+    series = series_of(*(np.array(columns[of], object if words else float) for of in by))
+    numbers = [c for c in shown if any(isinstance(x, float) for x in columns.get(c, ()))]
+    return [
+        {of: None if x == UNKNOWN else x for of, x in zip(by, key, strict=True)}
+        | {"rows": len(places)}
+        | {c: _range(c, [columns[c][i] for i in places]) for c in numbers[:MOST_RANGES]}
+        for key, places in (series.items() if words else sorted(series.items()))
+    ]
 
 
-def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
-    """List the settings of some runs, joined to so many classes."""
-    names = [class_name(values[rows]) for rows in settings_of(values, most)]
-    if len(names) > MOST_LISTED:
-        names = [f"{len(names)} from {names[0]} to {names[-1]}"]
-    return ", ".join(names) + unit if names else ""
+def _range(name: str, values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return between(*(cell(name, end(known, default=None)) for end in (min, max)))
+
+
+def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
+    """Return what `show` says of an artifact: what it is and was made from, then what it says."""
+    record, said = artifact.record, summary_of(artifact)
+    facts: dict[str, Any] = {
+        "kind": record.kind,
+        "schema_version": record.version,
+        "rows": len(next(iter(artifact.columns.values()))),
+        "origin": record.origin,
+        "made_by": record.made_by,
+        "beltid": record.software.removeprefix("beltid "),
+        "config": record.config,
+        "file_sha256": artifact.sha256,
+        "config_sha256": record.config_sha256,
+        "sources_sha256": record.sources,
+        **{f"valid {name}": span for name, span in record.validity.items()},
+        "set_aside": len(record.set_aside),
+        "figure": f"{figures[0][1]} ({figures[0][0]})" if figures else None,
+        **({"further figures": ", ".join(k for k, _ in figures[1:])} if figures[1:] else {}),
+    }
+    tables: dict[str, Rows] = {
+        "made from": [{"input": name, "sha256": sha} for name, sha in record.inputs.items()],
+        "set aside": record.set_aside,
+        "settings": [{"setting": key, "value": value} for key, value in record.settings.items()],
+    }
+    return replace(
+        said,
+        stage="show",
+        title=f"{artifact.path}: {said.title}",
+        out=None,
+        facts={**said.facts, **facts},
+        details={**said.details, **tables},
+        notes=(*record.warnings, *record.notes),
+        warnings=(),
+        exit_status=0,
+    )
+
+
+def text_of(artifact: Artifact) -> str:
+    """Return an artifact as text of one screen: the repr of a result."""
+    from rich.console import Console
+
+    file = io.StringIO()
+    show(summary_of(artifact), Console(file=file, width=100, color_system=None))
+    lines = file.getvalue().splitlines()
+    more = [f"... {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
+    return "\n".join([*lines[:MOST_LINES], *more])

@@ -128,9 +128,8 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
 def shown(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
     """Show an artifact as a table and its figures; or write it as CSV or as one of its figures."""
     from beltid.report.charts import NO_DATES, pictures_of, saved
-    from beltid.report.results import Sheet
+    from beltid.report.results import Sheet, shown_of
     from beltid.report.summary import csv_bytes
-    from beltid.report.view import shown_of
 
     artifact, figures = read_artifact(path), tuple(f".{kind}" for kind in NO_DATES)
     ending, endings = "" if out is None else out.suffix.lower(), (TABLE, *figures)

