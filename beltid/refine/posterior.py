@@ -92,10 +92,11 @@ class Curves:
 
     def surfaces(self, values: Array) -> list[FrictionSurface]:
         """Tabulate the curve of each speed finely, as mu is a spline only in the logarithm."""
-        log_force = np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES)
-        mu = np.exp(values.reshape(self.log_speed.size, -1) @ self.basis(log_force).T)
-        rows = zip(np.exp(self.log_speed), mu[..., None], strict=True)
-        return [FrictionSurface(np.exp(log_force), [v], row) for v, row in rows]
+        forces = np.exp(np.linspace(self.log_force[0], self.log_force[-1], FINE_NODES))
+        mu = np.exp(self.at_nodes(forces, values[:, None]))
+        return [
+            FrictionSurface(forces, [v], mu[:, j]) for j, v in enumerate(np.exp(self.log_speed))
+        ]
 
     def at_nodes(self, forces: Array, vectors: Array) -> Array:
         """Convert vectors at the knots (size, K) to values at forces and speeds, (nf, m, K)."""

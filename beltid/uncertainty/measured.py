@@ -187,8 +187,7 @@ class Measured:
         tight, slack = cell(0, self.tight), cell(1, self.slack)
         at_rest = cell(0, self.T_0), cell(1, self.T_0)
         if not kind.has_torque:
-            mean = 0.5 * (at_rest[0] + at_rest[1])
-            return tight, slack, at_rest[SPANS.index(kind.weight)] if kind.weight else mean
+            return tight, slack, 0.5 * (at_rest[0] + at_rest[1])
         measured = (self.tight - self.slack) * self.R
         M = measured * (1.0 + errors.at("torque_gain")) - errors.at("bearing_drag")
         if kind.measures == "torque_hub":
