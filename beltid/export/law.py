@@ -290,26 +290,21 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 
 def validation_problems(error: ValidationError, name: str) -> list[str]:
     """List the validation errors of a law, one line per problem."""
-    return [
-        f"{name}: {problem(detail, tuple(detail['loc']))}"
-        for detail in error.errors(include_url=False)[:SHOWN]
-    ]
+    details = error.errors(include_url=False)[:SHOWN]
+    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
 
 
 def schema() -> dict[str, Any]:
     """Build the JSON Schema (2020-12) of the file."""
     generated = ContactLaw.model_json_schema()
+    seal = (
+        "SHA-256 of all other keys as JSON with sorted keys and no spaces (without $schema); "
+        "remove this key after editing the file by hand"
+    )
     generated["properties"] = {
         "$schema": {"const": SCHEMA_ID, "description": "schema of this file"},
         **generated["properties"],
-        SEAL: {
-            "type": "string",
-            "pattern": "^[0-9a-f]{64}$",
-            "description": (
-                "SHA-256 of all other keys as JSON with sorted keys and no spaces (without "
-                "$schema); remove this key after editing the file by hand"
-            ),
-        },
+        SEAL: {"type": "string", "pattern": "^[0-9a-f]{64}$", "description": seal},
     }
     generated["required"] = ["format", "version", *generated["required"]]
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID}

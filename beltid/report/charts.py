@@ -31,7 +31,6 @@ NO_DATES: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
 }
 WIDE = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
-LONGEST_NAME = 48  # characters per line of a legend entry
 LOW_LEGEND = 0.9  # legend height that fits into a figure of the usual height [in]
 RESOLUTION = 150  # of a PNG, dots per inch
 INK = "#1a1a1a"
@@ -232,7 +231,7 @@ def legend_below(fig: Figure) -> None:
     handles: dict[str, Any] = {}
     for axes in fig.axes:
         handles.update(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    names = [textwrap.fill(name, LONGEST_NAME) for name in handles]
+    names = [textwrap.fill(name, 48) for name in handles]
     for ncols in (3, 2, 1) if handles else ():
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
         extent = legend.get_window_extent()

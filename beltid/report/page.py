@@ -1,7 +1,6 @@
 """The pages: the report of one belt, and several belts side by side; each one file of HTML.
 
-The template is the page, from top to bottom; this module gives it its verdict, tables, notes and
-tiles.
+The template is the page, from top to bottom; this module gives it its verdict, notes and tables.
 """
 
 import re

@@ -206,7 +206,6 @@ def load_name(friction: Sheet) -> str:
 
 FEW = 16  # number of rows up to which a table is shown as it is
 MOST_LINES = 40
-MOST_RANGES = 3  # number of ranges in a row of a grouped table, so that it fits a terminal
 
 
 class View(NamedTuple):
@@ -369,7 +368,7 @@ def _grouped(rows: Rows, by: Sequence[str], shown: Sequence[str]) -> Rows:
     return [
         {of: None if x == UNKNOWN else x for of, x in zip(by, key, strict=True)}
         | {"rows": len(places)}
-        | {c: _range(c, [columns[c][i] for i in places]) for c in numbers[:MOST_RANGES]}
+        | {c: _range(c, [columns[c][i] for i in places]) for c in numbers[:3]}  # fits a terminal
         for key, places in (series.items() if words else sorted(series.items()))
     ]
 

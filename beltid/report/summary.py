@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 from beltid.errors import printable
 
 GAP = 3  # between two columns
-LAST_COLUMN = 24  # width of words in the last column, which may wrap
 Rows = list[dict[str, Any]]
 # parts of the units at the end of public names, as printed
 UNITS = dict(
@@ -252,7 +251,7 @@ def _table_or_records(shown: Table, room: int) -> Any:
     heads = shown.headings
     widths = [max(map(len, column)) for column in zip(*shown.rows, strict=True)]
     if not shown.numeric[-1]:
-        widths[-1] = min(widths[-1], LAST_COLUMN)
+        widths[-1] = min(widths[-1], 24)  # words in the last column may wrap
     whole = sum(map(max, widths, map(len, heads))) + GAP * len(heads) <= room
     # numbers stay whole, headings may wrap
     widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]

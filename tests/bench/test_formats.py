@@ -163,18 +163,6 @@ def test_whole_numbers_are_read_once_the_config_says_what_they_are(tmp_path, tol
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
 
 
-def test_texts_of_hdf5_label_the_tests_and_state_settings(tmp_path):
-    import h5py
-
-    path, labels = tmp_path / "P.h5", ["A"] * 100 + ["B"] * (len(w.PRESS) - 100)
-    w.hdf5(path)
-    with h5py.File(path, "a") as file:
-        file["Versuch"], file["Temperatur [°C]"] = labels, "21,5"
-    columns = read_recording(path, "press").columns
-    assert columns["test"].tolist() == labels
-    assert set(columns["temperature_degC"]) == {21.5}
-
-
 # --- universal files -----------------------------------------------------------------------------
 
 DATA = Path(__file__).parent / "data"

@@ -300,6 +300,7 @@ def hdf5(path: Path, counts_per_N: float = 0, **said: float) -> None:
             if counts_per_N and name == "force_N":
                 values = (counts_per_N * values).astype(np.int16)
             file.create_dataset(NAMES[name][0], data=values).attrs["units"] = unit
+        file[NAMES["test"][0]] = PRESS["test"].tolist()
         file[NAMES["force_N"][0]].attrs.update(said)
 
 

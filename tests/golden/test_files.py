@@ -184,7 +184,7 @@ FORMATS: dict[str, Case] = {
     "MATLAB 5, structs": rig_by(lambda path: savemat(path, w.structs()), "rig.mat"),
     "MATLAB 5, arrays": rig_by(lambda path: savemat(path, w.structs()["R001"]), "a.mat", FIRST),
     "MATLAB 7.3": rig_by(w.mat73, "rig.mat"),
-    "HDF5": machine("P22.h5", w.hdf5, "temperature_degC"),
+    "HDF5": Case("press", w.put("P.h5", w.hdf5), lacks=("temperature_degC",)),
     "Excel": rig_by(w.sheets_of_runs, "rig.xlsx"),
     "UFF 58": machine("P22.unv", w.uff(even=True), "temperature_degC"),
     "UFF 58, uneven": machine("P22.uff", w.uff(even=False), "temperature_degC"),
