@@ -26,16 +26,15 @@ def belt_5pk(made_once: MakeOnce, small: Path) -> Path:  # that has compiled the
         config = (ROOT / "configs/5pk.yaml").read_text() + "cross_validate: {by: none}\n"
         config = config.replace("../rigdata/5pk/speedloss", "speedloss")
         (folder / "5pk.yaml").write_text(config.replace("../rigdata", str(ROOT / "rigdata")))
-        done(folder, "run 5pk.yaml --out runs --jobs 2")
+        done(folder, "run 5pk.yaml --out runs --jobs 1")
 
     return made_once("golden_5pk", fill) / "runs" / "5pk"
 
 
 @pytest.fixture
 def bench(small: Path, tmp_path: Path) -> Path:
-    """A copy of the small bench, with its verdicts, that a test may change."""
+    """A copy of the small bench, with its verdict, that a test may change."""
     ignore = shutil.ignore_patterns("runs")
     folder = Path(shutil.copytree(small, tmp_path / "bench", ignore=ignore))
-    for name in ("compare", "crossvalidation"):
-        shutil.copy(small / "runs/small" / f"{name}.parquet", folder)
+    shutil.copy(small / "runs/small/compare.parquet", folder)
     return folder

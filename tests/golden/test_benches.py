@@ -67,15 +67,18 @@ def keep(name: str, said: Said, folder: Path, mu: Sequence[float], rows: Rows) -
     )
 
 
-@pytest.mark.parametrize(
-    "belt", ["5pk", *(pytest.param(belt, marks=pytest.mark.long) for belt in ("4pk", "6pk"))]
-)
-def test_three_belts(belt: str, tmp_path: Path) -> None:
-    out = tmp_path / "friction.parquet"
-    said = done(ROOT, f"fit-friction rigdata/{belt}/rig.csv -o {out} --json")
-    truth = pd.read_csv(ROOT / f"tests/truth/{belt}/truth.csv")
+def check_friction(belt: str, config: Path, results: Path) -> None:
+    """Check the friction among the results of a belt of rigdata."""
+    out = results / "friction.parquet"
+    said = done(ROOT, f"fit-friction rigdata/{belt}/rig.csv --json -c", config, "-o", out)
+    assert said.json["up_to_date"]
     assert said.json["origin"] == "synthetic"
-    keep(belt, said, tmp_path, truth["mu_app"].tolist(), slice(None, None, 7))
+    truth = pd.read_csv(ROOT / f"tests/truth/{belt}/truth.csv")
+    keep(belt, said, results, truth["mu_app"].tolist(), slice(None, None, 7))
+
+
+def test_friction_of_the_5pk_belt(belt_5pk: Path) -> None:
+    check_friction("5pk", belt_5pk.parents[1] / "5pk.yaml", belt_5pk)
 
 
 BENCHES = {
