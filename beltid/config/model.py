@@ -20,7 +20,6 @@ from beltid.tables.schemas import SETTINGS, Column, table
 
 RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 Side = Literal["rib", "back"]
-Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
 
 HOLDS: dict[str, tuple[params.GivenForce, RigKind]] = {
@@ -99,7 +98,7 @@ class RigSection(Section):
         return "running" in self._shown
 
     @property
-    def weight_on(self) -> Span:
+    def weight_on(self) -> Literal["tight", "slack"]:
         """Span that carries a weight."""
         return "slack" if self.holds == "weight_slack" else "tight"
 

@@ -365,24 +365,23 @@ def _torques(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> Ite
     beside = kind.span_beside_torque
     if beside is None or kind.weight_stated:  # a weight holds no end
         return
-    lows, highs, sign = {}, {}, 1.0 if beside == "slack" else -1.0
+    ratios, sign = dict[str, float](), 1.0 if beside == "slack" else -1.0
     for run in runs:
         part, rest = run.tension_tight_N - run.tension_slack_N, float(np.mean(run.rest_N))
         if run.ok and part > 0.0 and rest > 0.0:
             measured = run.tension_slack_N if beside == "slack" else run.tension_tight_N
             possible = [p for x in (-REST, REST) for p in _parts(rest * (1 + x), measured, sign)]
-            lows[run.run] = part / max(possible)
-            highs[run.run] = part / max(min(possible), 1e-9 * rest)
-    if not lows:
+            ends = part / max(possible), part / max(min(possible), 1e-9 * rest)
+            ratios[run.run] = float(np.clip(1.0, *ends))  # the nearest to what is stated
+    if not ratios:
         return
-    (label, low), (_, high) = _median(lows), _median(highs)
-    if low > 1.0 + RADIUS or high < 1.0 / (1.0 + RADIUS):
-        nearest = low if low > 1.0 else high
+    label, ratio = _median(ratios)
+    if not 1.0 / (1.0 + RADIUS) <= ratio <= 1.0 + RADIUS:
         found = (
-            f"torque over force difference gives {nearest:.2g} times rig.pulley_radius_m by "
+            f"torque over force difference gives {ratio:.2g} times rig.pulley_radius_m by "
             f"the change of tension_{beside}_N, must be it within {100 * RADIUS:g} % (less drag)"
         )
-        yield _contradiction(config, label, "torque_N_m", found, 1.0 / nearest)
+        yield _contradiction(config, label, "torque_N_m", found, 1.0 / ratio)
 
 
 def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:

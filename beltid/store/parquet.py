@@ -98,8 +98,13 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     ]
 
 
-def arrow_table(values: Mapping[str, Any], table: Table) -> pa.Table:
-    """Create an Arrow table of normalised columns; nan becomes null, fields carry their units."""
+def parquet_bytes(
+    values: Mapping[str, Any], table: Table, metadata: Mapping[bytes, bytes]
+) -> bytes:
+    """Return the bytes of a Parquet file with normalised columns and metadata.
+
+    nan becomes null; the fields carry unit and meaning.
+    """
     arrays, fields = [], []
     for name, cells in values.items():
         column = table.column(name)
@@ -110,16 +115,9 @@ def arrow_table(values: Mapping[str, Any], table: Table) -> pa.Table:
         fields.append(
             pa.field(name, kind, metadata={"unit": column.unit, "meaning": column.meaning})
         )
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-
-def parquet_bytes(
-    values: Mapping[str, np.ndarray], table: Table, metadata: Mapping[bytes, bytes]
-) -> bytes:
-    """Return the bytes of a Parquet file with normalised columns and metadata."""
     buffer = io.BytesIO()
     pq.write_table(
-        arrow_table(values, table).replace_schema_metadata(metadata),
+        pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata)),
         pa.PythonFile(buffer, mode="w"),
         version="2.6",
         compression="zstd",
