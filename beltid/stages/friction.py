@@ -15,13 +15,13 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.reduction import RunReduction, reduce_plateaus, reduce_records
 from beltid.identify.friction.run import PERFECT, SPANS, KnownCell, RigKind, RunRecord, run_records
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.identify.slip import GROSS_SLIP, OK, SlipResult, fit_slip, required_pulley_speeds
 from beltid.laws.capstan import STRAIGHT, Spans, friction_coefficient
+from beltid.report.results import settings_of
 from beltid.stage import Outcome
 from beltid.stages.inputs import (
     Columns,
@@ -444,13 +444,8 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
         np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
         for name in ("nominal_tension_N", "slip_speed_m_s")
     )
-    arcs = np.where(good, snap_to_settings(friction["arc_deg"]), np.nan)
-    groups = [np.flatnonzero(arcs == arc) for arc in np.unique(arcs[np.isfinite(arcs)])]
-    if len(groups) > MOST_ARCS:
-        used = np.concatenate(groups)
-        groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
     chosen = []
-    for rows in groups:
+    for rows in settings_of(np.where(good, friction["arc_deg"], np.nan), MOST_ARCS):
         known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
         parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
         chosen.append(int(rows[np.argmin(sum(parts, start=np.zeros(rows.size)))]))
