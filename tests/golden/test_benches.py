@@ -81,6 +81,15 @@ def test_friction_of_the_5pk_belt(belt_5pk: Path) -> None:
     check_friction("5pk", belt_5pk.parents[1] / "5pk.yaml", belt_5pk)
 
 
+@pytest.mark.parametrize("belt", ["4pk", "6pk"])
+def test_friction_of_the_other_belts(belt: str, tmp_path: Path) -> None:
+    config = ROOT / f"configs/{belt}.yaml"
+    done(
+        ROOT, f"fit-friction rigdata/{belt}/rig.csv -c", config, "-o", tmp_path / "friction.parquet"
+    )
+    check_friction(belt, config, tmp_path)
+
+
 BENCHES = {
     "cells": ({}, {}, [*CELL.values()]),
     "weight_tight": (
@@ -108,6 +117,7 @@ BENCHES = {
     ),
     "arcs_25_to_170": ({"arcs_deg": (25.0, 110.0, 170.0)}, {}, [*CELL.values()]),
     "radius_20_mm": ({"radius_m": 0.02}, {"rig": {"pulley_radius_m": 0.02}}, [*CELL.values()]),
+    "radius_80_mm": ({"radius_m": 0.08}, {"rig": {"pulley_radius_m": 0.08}}, [*CELL.values()]),
     "one_run": (
         {"arcs_deg": (82.0,), "tensions_N": (200.0,), "speeds_rad_s": (0.21,)},
         {},
