@@ -222,7 +222,9 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                     belt.failed(step.name, error)
         if "not simulated" in belt.states.values():
             log.info(stages.rig.NOT_SIMULATED)
-    belt.made = sorted(files)
+    # what lacks a recording is hidden as such, whoever writes the page
+    lack = (step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING)
+    belt.made = sorted({*files, *lack})
     return belt
 
 
@@ -235,7 +237,7 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
         for name, (status, problems) in belt.troubles.items()
         if belt.states[name] == FAILED
     )
-    shown, out = OnPage(folder, belt.made, failures), folder / NAME
+    shown, out = OnPage(folder, source.config.data.files, belt.made, failures), folder / NAME
     with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:

@@ -218,15 +218,8 @@ def export(
     beltid export exudyn runs/5pk --normal-force 5000 --speed 0.02
     beltid export all runs/5pk -o laws/5pk
     """
-    return stages.export_law.run(
-        target,
-        source,
-        common.config,
-        common.out,
-        surface,
-        (normal_force, speed),
-        force=common.force,
-    )
+    asked = target, source, common.config, common.out, surface, (normal_force, speed)
+    return stages.export_law.run(*asked, force=common.force)
 
 
 config_app = plain_typer(

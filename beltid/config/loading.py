@@ -335,11 +335,8 @@ def template_text(config: Config, sources: Mapping[str, str]) -> str:
 
     What is commented out stays a default: an uncertainty that is not stated is an assumption.
     """
-    shown = {
-        path: sources.get(format_path(path))
-        for path, _, _ in effective_values(config)
-        if path[0] in SECTIONS
-    }
+    values = [item for item in effective_values(config) if item[0][0] in SECTIONS]
+    shown = {path: sources.get(format_path(path)) for path, _, _ in values}
     files = {kind: str(path) for kind, path in config.data.files.items()}  # as the user names them
     config = config.model_copy(update={"data": config.data.model_copy(update=files)})
     return f"{HEAD.format(name=config.belt.name)}\n{_text(config, shown)}"

@@ -329,13 +329,8 @@ def _value(column: Column) -> checks.Check:
 
     if column.dtype == "string":
         return choice if column.choices else checks.text
-    return checks.Number(
-        column.low,
-        column.high,
-        SYMBOLS.get(column.unit, column.unit),
-        column.open_low,
-        column.open_high,
-    )
+    unit = SYMBOLS.get(column.unit, column.unit)
+    return checks.Number(column.low, column.high, unit, column.open_low, column.open_high)
 
 
 def _by_kind(check: Callable[[Column], checks.Check | None]) -> dict[str, checks.Keys]:

@@ -448,7 +448,8 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
     for rows in settings_of(np.where(good, friction["arc_deg"], np.nan), MOST_ARCS):
         known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
         parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
-        chosen.append(int(rows[np.argmin(sum(parts, start=np.zeros(rows.size)))]))
+        distance = sum(parts, start=np.zeros(rows.size))
+        chosen.append(int(rows[np.argmin(distance)]))
     return tuple(chosen)
 
 

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,15 +43,8 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         except InputError as error:
             if len(paths) == 1:
                 raise
-            parts.append(
-                Summary(
-                    "inspect",
-                    str(path),
-                    warnings=error.problems,
-                    verdict=f"cannot be read: {error.problems[0]}",
-                    exit_status=EXIT_INPUT,
-                )
-            )
+            unread = Summary("inspect", str(path), warnings=error.problems, exit_status=EXIT_INPUT)
+            parts.append(replace(unread, verdict=f"cannot be read: {error.problems[0]}"))
     if len(parts) == 1:
         return parts[0]
     understood = sum(part.exit_status == EXIT_DONE for part in parts)

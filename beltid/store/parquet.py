@@ -92,9 +92,10 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     wrong = np.zeros(cells.shape, dtype=bool) if column.nullable else absent(cells)
     if column.dtype != "string":
         wrong |= np.isinf(cells) | outside(cells, column)
+    rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"
-        for i in np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)[:3]
+        for i in rows[:3]
     ]
 
 
