@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from beltid import stages
+from beltid.batch.cluster import Cluster
 from beltid.config import Config, ConfigSource
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import (
@@ -39,7 +40,7 @@ from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, checked, lacking
 from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page
 from beltid.stages.steps import STAGES
-from beltid.stages.workers import Cluster, Workers, available_cores, threads
+from beltid.stages.workers import Workers, available_cores, threads
 from beltid.store.artifact import combined_origin
 
 DONE = "done"

@@ -292,7 +292,7 @@ def _parsed(text: str, name: str) -> Source:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError
 
-    yaml, place = YAML(typ="safe", pure=True), name
+    yaml, root, place = YAML(typ="safe", pure=True), None, name
     try:
         root = yaml.compose(text)
         return Source(root and yaml.constructor.construct_document(root), name, root)
@@ -300,6 +300,8 @@ def _parsed(text: str, name: str) -> Source:
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
         found = str(error.problem)
+        if found.startswith("found duplicate key"):
+            found = next(_twice(root, (), set()))
         plainly = {
             "'\\t'": "a tab, indent with blanks",
             "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
@@ -309,6 +311,19 @@ def _parsed(text: str, name: str) -> Source:
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
+
+
+def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
+    """Say of each key that a section has twice where it stood first; an alias is seen once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    lines: dict[str | int, int] = {}
+    for name, key, value in _items(node):
+        if name in lines:
+            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
+        lines.setdefault(name, key.start_mark.line + 1)
+        yield from _twice(value, (*path, name), seen)
 
 
 def _items(node: Any) -> list[tuple[str | int, Any, Any]]:
