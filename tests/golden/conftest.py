@@ -34,7 +34,7 @@ def belt_5pk(made_once: MakeOnce, small: Path) -> Path:  # that has compiled the
 @pytest.fixture
 def bench(small: Path, tmp_path: Path) -> Path:
     """A copy of the small bench, with its verdict, that a test may change."""
-    ignore = shutil.ignore_patterns("runs")
-    folder = Path(shutil.copytree(small, tmp_path / "bench", ignore=ignore))
+    folder = tmp_path / "bench"
+    shutil.copytree(small, folder, ignore=shutil.ignore_patterns("runs"))
     shutil.copy(small / "runs/small/compare.parquet", folder)
     return folder

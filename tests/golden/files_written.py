@@ -85,12 +85,11 @@ def table(
 ) -> str:
     """Write a frame as text; with `units_row`, units stand below the names."""
 
-    signs = str.maketrans({",": thousands, ".": decimal})
-
     def cell(value: object) -> str:
         text = str(value)
         if isinstance(value, float):
-            text = (f"{value:,.9f}" if thousands else text).translate(signs)
+            text = f"{value:,.9f}" if thousands else repr(value)
+            text = text.translate(str.maketrans({",": thousands, ".": decimal}))
         return f"{quote}{text}{quote}"
 
     heads: list[list[str]] = [list(frame.columns)]

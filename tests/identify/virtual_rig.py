@@ -19,7 +19,6 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from beltid.arrays import Array, Mask
 from beltid.identify.friction.reduction import reduce_records
@@ -322,9 +321,9 @@ def _autoregressive(a: float, shape: tuple[int, ...], rng: np.random.Generator) 
 
 def with_memory(x: Array, a: float) -> Array:
     """y[k] = a y[k-1] + x[k] along the last axis."""
-    n = x.shape[-1]
-    band = np.array([np.ones(n), np.full(n, -a)])
-    return solve_banded((1, 0), band, x.reshape(-1, n).T).T.reshape(x.shape)
+    from scipy.signal import lfilter  # slow to import
+
+    return lfilter([1.0], [1.0, -a], x)
 
 
 def _slow(part: Noise, rate: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
