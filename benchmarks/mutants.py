@@ -41,7 +41,6 @@ from typing import Any
 
 import coverage
 import hypothesis
-import numba
 import pytest
 
 from benchmarks import put, table
@@ -335,8 +334,6 @@ def main() -> None:
             for stated in asked.rooms:
                 room, *places = stated.split(":")
                 sources, tests = places or ROOMS[room].split(":")
-                os.environ["NUMBA_DISABLE_JIT"] = str(int(room not in KERNELS))
-                numba.config.reload_config()
                 rows.append(try_room(room, sources, tests, asked))
     if asked.beside:
         theirs = dict(re.findall(r"(?m)^(\w+): (\d+ of \d+) tried seen", asked.beside.read_text()))
