@@ -42,6 +42,7 @@ def test_without_noise_the_bias_of_the_published_procedure_goes() -> None:
     assert after < 0.00015
     assert worst < 0.0006
     assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.0002
+    assert 0.03 < np.sqrt(np.mean(refined.misfit_before**2)) < 0.05  # as the published surface
     # peaks of the force belong to the range; knots go on below it
     force, f = refined.surface.normal_force_N_m, of.measured.normal_force
     assert force[-1] > 1.5 * f.max()
@@ -58,7 +59,6 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
     h = np.linalg.solve(refined.curves.B, refined.parameters)
     left = -np.log1p(refined.misfit_after)
     np.testing.assert_allclose(refined.runs.y - refined.runs.X @ h, left, atol=1e-12)
-    assert refined.warnings == ()
     error, se = at_nodes(refined)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     relative = refined.surface.mu_se_nodes / refined.surface.mu_nodes
@@ -82,13 +82,14 @@ def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
 
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
     sources = Source("EI", "bending_stiffness", size=0.05), Source("gain", "tension_gain", size=0.1)
-    found = refine_surface(campaign("5pk", speeds=TWO), TWO, sources)
+    of = campaign("5pk", speeds=TWO)
+    bench = replace(of.bench, belt=of.bench.belt._replace(EI=1.02 * of.bench.belt.EI))
+    found = refine_surface(replace(of, bench=bench), TWO, sources)
     mean, sd = np.array([told for _, *told in found.stated_errors]).T
-    assert sd[0] < 0.3  # the runs show it better than it was stated
-    left = found.uncertainty.sources
-    assert left[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
-    assert abs(mean[0]) < 2.0 * sd[0]  # it was stated right
-    assert left[1] == sources[1]  # a common gain does not show: it cancels in Eq. (6)
+    left, gain = found.uncertainty.sources
+    assert left.size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
+    assert abs(1.02 * (1.0 + 0.05 * mean[0]) - 1.0) < 2.0 * 0.05 * sd[0]  # stated 2 % too high
+    assert gain == sources[1]  # a common gain does not show: it cancels in Eq. (6)
 
 
 def test_a_run_that_is_far_off_loses_its_weight() -> None:
@@ -96,7 +97,6 @@ def test_a_run_that_is_far_off_loses_its_weight() -> None:
     measured = of.measured.scattered(np.where(np.arange(N) == 7, np.log(1.10), 0.0))
     refined = refine_surface(replace(of, measured=measured), TWO)
     assert refined.weight[7] < 0.1
-    assert np.mean(refined.weight) > 0.95
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.003
 
 
