@@ -50,16 +50,13 @@ INTRODUCTION = """# Coverage
 Written by `python -m benchmarks.coverage` in {minutes:.0f} minutes. Everything here is
 **synthetic**, with a known answer.
 
-A cell has, for n runs of a bench that are reduced together, the RMS error of `mu_sliding` in
-percent, the part of the intervals `value ± 1.96 u` that hold the truth, and *z*, the root mean
-square of error over `mu_sliding_se`: 1 if the standard errors are exact, less if they are too
-large. Drawn were {draws}. Runs of one bench share errors: all of
-their intervals may hold or fail together. *Kept* are the runs that were not set aside. The fault
-of a bench, or of a cell, with a `*` no recording shows; it has to be stated in `uncertainty:`.
-Priors were set on the benches of the tests, the others share no code with them.
+A cell has, for n runs reduced together, the RMS error of `mu_sliding` in percent, the percentage
+of intervals `value ± 1.96 u` that hold the truth, and *z*, the RMS of error over `mu_sliding_se`:
+below 1 if these are too large. Drawn were {draws}; runs of
+one bench share errors. *Kept*: not set aside. A `*`: no recording shows it, state it in
+`uncertainty:`. Priors were set on the benches of the tests, the others share no code with them.
 
-Outside what is wanted (z from 0.5 to 1.3, 88 % covered) are, of those without a `*`,
-{found}: these are **bold**. A z below 0.5 is a standard error that is too large.
+**Bold** is what has a z outside 0.5 to 1.3, or less than 88 % covered: {found}.
 
 """
 
@@ -218,7 +215,7 @@ def main() -> None:
         cells = dict[tuple[str, int], str]()
         for (name, n), one in found.items():
             of_one = n == 1 and any(part in name for part in OF_SLACK_ZERO)
-            cells[name, n] = one.cell() + " *" * of_one
+            cells[name, n] = one.cell() + "*" * of_one
             if name[-1] != "*" and not of_one and one.error.size:
                 judged[n].append(one.outside())
                 if one.outside():
