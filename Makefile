@@ -37,11 +37,11 @@ run-all: $(RUNTIME)  ## the same for the belts 4PK, 5PK and 6PK
 	$(BIN)/beltid run configs/4pk.yaml configs/5pk.yaml configs/6pk.yaml $(ARGS)
 
 # the tests start dozens of processes: bytecode is kept for them, whatever the environment says
-test: $(DEVELOPMENT)  ## the tests, in three processes (one: make test ARGS="-n 0")
+test: $(DEVELOPMENT)  ## the tests, in two processes (one: make test ARGS="-n 0")
 	@# a compiled kernel does not see an edit of another that it calls: what is older goes
 	@newest=$$(ls -t beltid/rig/*.py beltid/laws/*.py beltid/drive/*.py | head -n 1); \
 		find beltid -name '*.nb[ic]' ! -newer "$$newest" -delete
-	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts, size of the house
 	$(BIN)/ruff format --check .
