@@ -25,10 +25,10 @@ from beltid.report.results import (
     BeltResults,
     Sheet,
     class_name,
+    clusters,
     is_setting,
     load_name,
     series_of,
-    settings_of,
 )
 from beltid.report.summary import axis, cell, quantity, sentence
 
@@ -197,7 +197,7 @@ def over_force(
     if not np.isfinite(speed).any():
         title, speed = "ω [rad/s]", np.abs(data["pulley_speed_rad_s"])
     arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
-    by_speed, by_arc = settings_of(speed, MOST_SPEEDS), settings_of(arc, len(charts.MARKERS))
+    by_speed, by_arc = clusters(speed, MOST_SPEEDS), clusters(arc, len(charts.MARKERS))
     classes = [(of, rows) for of, by in ((speed, by_speed), (arc, by_arc)) for rows in by]
     joined = all(is_setting(of[rows]) for of, rows in classes)
     pairs = zip(charts.MARKERS, cycle(charts.LINES if joined else ("none",)), strict=False)
@@ -364,7 +364,7 @@ def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
         colour = charts.MEASURED if published else charts.SIMULATED
         groups = [
             (f"{one.label}, arc {class_name(arc[rows])}°", rows)
-            for rows in settings_of(arc, len(charts.MARKERS))
+            for rows in clusters(arc, len(charts.MARKERS))
         ]
         look = {"ls": "none", "color": colour, "mfc": "none" if published else colour}
         relative = 100.0 * one["difference"] / one["mu_measured"]

@@ -25,9 +25,9 @@ from beltid.report.results import (
     Sheet,
     chosen,
     class_name,
+    clusters,
     grid,
     load_name,
-    settings_of,
     summary_of,
 )
 from beltid.report.summary import MISSING, Table, between, cell, fact, sentence, table
@@ -349,7 +349,7 @@ def _joined(texts: Iterable[str]) -> str:
 
 def _settings(values: np.ndarray, unit: str, most: int | None = None) -> str:
     """List the settings of some runs, joined to so many classes."""
-    names = [class_name(values[rows]) for rows in settings_of(values, most)]
+    names = [class_name(values[rows]) for rows in clusters(values, most)]
     if len(names) > MOST_LISTED:
         names = [f"{len(names)} from {names[0]} to {names[-1]}"]
     return ", ".join(names) + unit if names else ""

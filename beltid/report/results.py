@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
-from beltid.identify.estimators import settings_of as numbered_settings, snap_to_settings
+from beltid.identify.estimators import settings_of, snap_to_settings
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
 from beltid.store.artifact import Artifact, combined_origin
@@ -171,14 +171,14 @@ def series_of(*columns: np.ndarray) -> dict[tuple[Any, ...], list[int]]:
     return series
 
 
-def settings_of(values: np.ndarray, most: int | None = None) -> list[np.ndarray]:
+def clusters(values: np.ndarray, most: int | None = None) -> list[np.ndarray]:
     """Group the rows of the runs by setting, ascending; one run each if values do not cluster.
 
     Runs without a value are left out. More than `most` settings are joined to so many classes.
     """
     order = np.argsort(values, kind="stable")
     order = order[np.isfinite(values[order])]
-    labels = numbered_settings(values[order], SAME)
+    labels = settings_of(values[order], SAME)
     if not all(is_setting(values[order[labels == label]]) for label in np.unique(labels)):
         labels = np.arange(order.size)
     numbers = np.unique(labels)

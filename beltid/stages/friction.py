@@ -21,7 +21,7 @@ from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.identify.slip import GROSS_SLIP, OK, SlipResult, fit_slip, required_pulley_speeds
 from beltid.laws.capstan import STRAIGHT, Spans, friction_coefficient
-from beltid.report.results import settings_of
+from beltid.report.results import clusters
 from beltid.stage import Outcome
 from beltid.stages.inputs import (
     Columns,
@@ -445,7 +445,7 @@ def typical_runs(friction: Columns) -> tuple[int, ...]:
         for name in ("nominal_tension_N", "slip_speed_m_s")
     )
     chosen = []
-    for rows in settings_of(np.where(good, friction["arc_deg"], np.nan), MOST_ARCS):
+    for rows in clusters(np.where(good, friction["arc_deg"], np.nan), MOST_ARCS):
         known = [of[rows] for of in (tension, speed) if np.isfinite(of[rows]).any()]
         parts = (np.nan_to_num(np.abs(of - np.nanmedian(of)), nan=np.inf) for of in known)
         distance = sum(parts, start=np.zeros(rows.size))
