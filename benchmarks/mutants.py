@@ -59,7 +59,7 @@ COPIED = ("beltid", "tests", "rigdata", "configs", "pyproject.toml")
 IDENTIFY = "tests/test_mixed.py tests/identify"
 ROOMS = {
     "laws": "beltid/laws/*.py: tests/laws",
-    "rig": "beltid/rig/*.py: tests/rig",
+    "rig": "beltid/rig/*.py: tests/rig tests/drive",
     "mixed": f"beltid/mixed.py: {IDENTIFY}",
     "friction": f"beltid/identify/friction/*.py: {IDENTIFY}",
     "refine": "beltid/refine/*.py: tests/refine",
