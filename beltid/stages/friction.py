@@ -269,7 +269,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
     if not all(run.converged for run in good):
         yield "the search for the noise of the bench did not end: the standard errors may be wrong"
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    if kind.has_torque and derived and not any(run.drag_N_m for run in good):
+    if kind.has_torque and derived and np.isnan([run.drag_N_m for run in good]).all():
         yield "drag of the bearings raises mu: record a run without the belt, column idle: true"
     if kind.measures == "torque_hub" and not kind.running and not held:
         sums = [(r.tension_tight_N + r.tension_slack_N, 2.0 * r.initial_tension_N) for r in good]
@@ -297,8 +297,8 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
 
 def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
     """Yield notes on events in several runs, with the number of runs."""
-    if drag := max((run.drag_N_m for run in runs), default=0.0):
-        yield f"bearing drag subtracted: up to {drag:.3g} N m, measured on the idle pulley"
+    if drags := [run.drag_N_m for run in runs if np.isfinite(run.drag_N_m)]:
+        yield f"bearing drag subtracted: up to {max(drags):.3g} N m, measured on the idle pulley"
     for text, name in (("spikes left out", "n_spikes"), ("samples missing", "n_missing")):
         counts = [getattr(run, name) for run in runs]
         if hit := sum(count > 0 for count in counts):

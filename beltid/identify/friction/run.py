@@ -238,7 +238,7 @@ class RunReduction:
     torque_with: Span | None = None  # span whose tension was measured in addition to a torque
     condition: str | None = None  # surface: dry, wet or dusty
     side: str | None = None  # side of the belt on the pulley: rib or back
-    drag_N_m: float = 0.0  # largest torque of the idle pulley that was subtracted
+    drag_N_m: float = NAN  # largest torque of the idle pulley that was subtracted
     initial_tension_N: float = NAN  # mean of both cells at the start of the rotation
     pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed
     slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7)
@@ -337,7 +337,7 @@ def _record(
     if kind.has_torque:
         torque, speed, _ = in_direction(columns)
         drag = idle_torque(idle, speed)
-        run.drag_N_m = float(np.nanmax(np.abs(drag)))
+        run.drag_N_m = float(np.nanmax(np.abs(drag))) if idle else NAN
         columns = {**columns, "torque_N_m": torque - drag}
     if kind.running:
         belt_speed = float(np.nanmedian(np.abs(columns["belt_speed_m_s"])))
