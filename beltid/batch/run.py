@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 from beltid import stages
-from beltid.batch.cluster import Cluster
 from beltid.config import Config, ConfigSource
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import (
@@ -40,7 +39,7 @@ from beltid.stage import Stage
 from beltid.stages.about import WITHOUT, checked, lacking
 from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page
 from beltid.stages.steps import STAGES
-from beltid.stages.workers import Workers, available_cores, threads
+from beltid.stages.workers import Workers, available_cores, cluster, threads
 from beltid.store.artifact import combined_origin
 
 DONE = "done"
@@ -416,10 +415,10 @@ def _on_cluster(
     sources: Sequence[ConfigSource], folder: Path, scheduler: str, force: bool, report: bool
 ) -> Iterator[Belt]:
     with (
-        contextlib.closing(Cluster(scheduler)) as cluster,
+        cluster(scheduler) as workers,
         ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool,
     ):
-        ends = [pool.submit(run_belt, s, folder / s.name, cluster, force=force) for s in sources]
+        ends = [pool.submit(run_belt, s, folder / s.name, workers, force=force) for s in sources]
         for source, end in zip(sources, ends, strict=True):
             if report:  # here: matplotlib does not draw in several threads
                 add_page(end.result(), source, folder / source.name, force=force)

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from called import BELTID, beltid, contents, read_until, started
 
-from beltid.batch.cluster import refuse_others
 from beltid.errors import InputError
+from beltid.stages.workers import refuse_others
 
 # only looked for: its import is a second for every process that collects the tests
 if find_spec("distributed") is None:
