@@ -8,7 +8,6 @@ import contextlib
 import functools
 import os
 import stat
-import time
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedReader
 from pathlib import Path
@@ -16,7 +15,6 @@ from pathlib import Path
 from beltid.errors import ArtifactError, InputError
 
 MAX_BYTES = 1 << 30
-STALE_AFTER_S = 3600.0
 FOREIGN = "a file that beltid did not write"
 OURS = ""
 ONLY_SHOW = ("cli", "report", "__main__.py")  # parts that cannot change a result
@@ -60,10 +58,6 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         if os.path.lexists(target) and not target.is_file():
             raise ArtifactError(f"{path}: not written: this is not an ordinary file")
         target.parent.mkdir(parents=True, exist_ok=True)
-        for rest in target.parent.glob(".*.beltid-tmp"):  # of writers that were killed
-            with contextlib.suppress(OSError):
-                if time.time() - rest.stat().st_mtime > STALE_AFTER_S:
-                    rest.unlink()
         with temporary.open("xb") as file:
             file.write(data)
             file.flush()

@@ -5,14 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from beltid.errors import ArtifactError, InputError
-from beltid.store.disk import OURS, STALE_AFTER_S, check_place, write_bytes
+from beltid.store.disk import OURS, check_place, write_bytes
 
 
 def names(folder: Path) -> list[str]:
@@ -63,17 +62,6 @@ def test_a_killed_writer_leaves_no_half_file(tmp_path: Path) -> None:
     assert len(names(tmp_path)) == 2
     write_bytes(path, b"later")
     assert path.read_bytes() == b"later"
-
-
-def test_only_stale_files_are_removed(tmp_path: Path) -> None:
-    old = time.time() - 2 * STALE_AFTER_S
-    stale, young = ".x.bin.0123.beltid-tmp", ".x.bin.4567.beltid-tmp"  # its writer may be at work
-    kept = sorted([young, ".x.bin.swp", ".beltid-tmp"])
-    for name in (stale, *kept):
-        (tmp_path / name).write_bytes(b"")
-        os.utime(tmp_path / name, None if name == young else (old, old))
-    write_bytes(tmp_path / "x.bin", b"")
-    assert names(tmp_path) == sorted(["x.bin", *kept])
 
 
 @pytest.mark.parametrize(
