@@ -82,10 +82,6 @@ class InputError(BeltidError):
     """Invalid recording, config, artifact or argument (status 2)."""
 
 
-class ArgumentTypeError(InputError, TypeError):
-    """Wrong type of a Python argument; the message says what is expected and how to get it."""
-
-
 class TooFewSettings(InputError):
     """Too few measured bench settings for the requested computation."""
 
@@ -106,10 +102,6 @@ class NumericsError(BeltidError):
 
 class ConvergenceError(NumericsError):
     """Iteration that did not converge."""
-
-
-class FitError(NumericsError):
-    """Rejected fit: the data do not determine a physically admissible law."""
 
 
 @dataclass(slots=True)
@@ -133,22 +125,6 @@ class Problems:
         for row in rows[:1] if more else rows:
             where, line = place(int(row))
             self.add(f"{where}: {text(int(row))}{more}", line)
-
-    def merge_repeated(self, places: Sequence[str]) -> None:
-        """Merge problems that are the same in several files, whose names they begin with."""
-        alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
-        for line, text in self.found:
-            place = next((p for p in places if text.startswith(p)), "")
-            rest = text[len(place) :].partition(": ")[2]
-            key = ("", rest) if place else (text, "")
-            alike.setdefault(key, []).append((line, text))
-        self.found = []
-        for (_, rest), same in alike.items():
-            line, text = same[0]
-            if rest and len(same) > 1:
-                text = f"{text.removesuffix(rest)[:-2]} and {len(same) - 1} more: {rest}"
-                self.count -= len(same) - 1
-            self.found.append((line, text))
 
     def raise_if_any(self) -> None:
         """Raise an InputError that lists the first problems and counts the rest."""

@@ -129,7 +129,7 @@ def test_functions_take_what_the_others_return() -> None:
     run = beltid.simulate_rig(None, 0.5, stiffness, **POINT, method="steady")
     law = stiffness.result.pooled.law
     assert run.mu == beltid.simulate_rig(None, 0.5, law, **POINT, method="steady").mu
-    with pytest.raises(TypeError, match="surface = result of kind stiffness, must be a Fric"):
+    with pytest.raises(beltid.InputError, match="surface = result of kind stiffness, must be a F"):
         beltid.simulate_rig(None, stiffness, law, **POINT)
 
 

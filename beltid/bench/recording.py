@@ -100,8 +100,6 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
             needs = of_bench(raws, needs)
             needs = replace(needs, rows=run_table(needs))
         parts += parts_of(source.inside, source.name, raws, needs)
-    if len(sources) > 1:
-        needs.problems.merge_repeated([source.name for source in sources])
     return recording_of(parts, path, needs)
 
 

@@ -387,7 +387,6 @@ def joined(
                 problems.add(f"{place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(place)
-    problems.merge_repeated([part.raw.place for part in parts])
     problems.raise_if_any()
     lengths = [*map(len, parts)]
     ends = np.cumsum(lengths)

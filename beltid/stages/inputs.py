@@ -11,7 +11,7 @@ import numpy as np
 
 from beltid.bench.recording import table_columns
 from beltid.config import Config
-from beltid.errors import ArgumentTypeError, ArtifactError, InputError
+from beltid.errors import ArtifactError, InputError
 from beltid.export.law import ContactLaw, law_from_text
 from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import surface_from_columns
@@ -113,7 +113,7 @@ def surface_from(surface: Any) -> FrictionSurface:
     if isinstance(surface, FrictionSurface):
         return surface
     if not is_number(surface):
-        raise ArgumentTypeError(
+        raise InputError(
             f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
             "the result of build_surface or refine_surface, or a number (constant mu)"
         )
@@ -142,7 +142,7 @@ def law_from(law: Any, temperature_degC: float | None = None) -> NormalLaw:
     if isinstance(law, NormalLaw):
         return law
     if not isinstance(law, (Outcome, Artifact)) or law.kind != "stiffness":
-        raise ArgumentTypeError(
+        raise InputError(
             f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result "
             "of fit_stiffness(FRAME)"
         )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import ArgumentTypeError, ConvergenceError, InputError, counted
+from beltid.errors import ConvergenceError, InputError, counted
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
 from beltid.params import OperatingPoint
@@ -170,7 +170,7 @@ def _thinned(values: Sequence[float]) -> list[float]:
 
 def _known_surface(surface: Any) -> SurfaceUncertainty:
     if not isinstance(surface, (Artifact, Outcome)) or surface.kind != "surface":
-        raise ArgumentTypeError(
+        raise InputError(
             f"surface = {shown(surface)}, must be the result of refine_surface or build_surface, "
             "which has a covariance"
         )

@@ -48,7 +48,7 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Raises
     ------
-    InputError, FitError
+    InputError, NumericsError
         If the recording cannot be used; if no law with coefficients >= 0 fits.
 
     Examples

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.arrays import Array
-from beltid.errors import FitError, NumericsError
+from beltid.errors import NumericsError
 from beltid.identify.estimators import difference_sigma
 from beltid.identify.press.recording import (
     PressCurve,
@@ -190,7 +190,7 @@ def fit_law(
     """Fit the law to curves of one bench, at a reference temperature [°C] (nan: none is sought).
 
     Sizes of effects may be `known` from more curves of the bench; `temperature_degC` is the mean of
-    the curves, None for a pooled law. Raises `FitError` if the force does not rise or does not
+    the curves, None for a pooled law. Raises `NumericsError` if the force does not rise or does not
     follow Eq. (3) with coefficients >= 0, and `NumericsError` if the fit does not converge.
     """
     data = _Scaled(curves, reference_degC)
@@ -201,7 +201,7 @@ def fit_law(
     if np.any(k < 0.0):
         data.held = data.held | (k < 0.0)
         if data.held.all():
-            raise FitError("the force falls with penetration, must rise")
+            raise NumericsError("the force falls with penetration, must rise")
         k, p, posterior = _mode(data, np.where(data.held, 0.0, start), contact, known or {})
     unit, free = data.top / data.span ** np.array([1.0, 2.0]), ~data.held
     place, F = posterior.model.places["misfit"], data.design(k, p)[1]
@@ -283,7 +283,7 @@ def _held_note(data: _Scaled, k: Array, p: Array) -> str:
         f"{100 * largest:.2g} % of the largest force"
     )
     if largest > LARGEST_MISFIT:
-        raise FitError(
+        raise NumericsError(
             f"{text}, must be <= {100 * LARGEST_MISFIT:g} %: the curve does not follow a law "
             "k_linear delta + k_quadratic delta² that stiffens from a contact point"
         )
