@@ -7,7 +7,7 @@ with the attribute `progress` is a step of a long task: its label, steps done, s
 import contextlib
 import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextvars import ContextVar
 from typing import Any
 
@@ -50,17 +50,9 @@ def prefixed(text: str) -> Iterator[None]:
         _prefix.reset(token)
 
 
-@contextlib.contextmanager
-def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Report the progress of a task of `total` steps; call the yielded function after each."""
-    done = 0
-
-    def advance() -> None:
-        nonlocal done
-        done += 1
-        log.info(label, extra={"progress": (f"{_prefix.get()[0]}{label}", done, total)})
-
-    yield advance
+def progress(label: str, done: int, total: int) -> None:
+    """Report the progress of a task: steps done, steps in all."""
+    log.info(label, extra={"progress": (f"{_prefix.get()[0]}{label}", done, total)})
 
 
 @contextlib.contextmanager

@@ -278,11 +278,9 @@ def simulate(
         by_setting.setdefault((run.arc_deg, run.initial_tension_N), []).append(run)
     belts = list(by_setting.values())
     calls = [(bench, [run.point for run in belt], settings) for belt in belts]
-    with progress("simulated runs", len(runs)) as advance:
-        for number, part in workers.as_ended(runs_of_one_belt, calls):
-            for run, result in zip(belts[number], part, strict=True):
-                results[run] = result
-                advance()
+    for number, part in workers.as_ended(runs_of_one_belt, calls):
+        results |= zip(belts[number], part, strict=True)
+        progress("simulated runs", len(results), len(runs))
     return {run: results[run] for run in runs}
 
 
