@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from beltid import stages
-from beltid.cli.execute import Common, refuse_out
+from beltid.cli.execute import Common
 from beltid.cli.program import FIRST, app, command, config_of, plain_typer
 from beltid.errors import InputError
 from beltid.notes import log
@@ -230,7 +230,7 @@ config_app = plain_typer(
 app.add_typer(config_app)
 
 
-@command("show", of=config_app, short="the values that are stated, or all in effect")
+@command("show", of=config_app, short="the values that are stated, or all in effect", kept=None)
 def config_show(file: Path | None = None, *, all: bool = False, common: Common) -> Summary | str:
     """Print the values that the config states, as YAML with the range of every key.
 
@@ -251,7 +251,6 @@ def config_show(file: Path | None = None, *, all: bool = False, common: Common) 
     from beltid.config import config_text
 
     if common.json:
-        refuse_out(common)
         return stages.about.config_values(config_of(file, common), complete=all)
     return config_text(config_of(file, common).config, complete=all)
 

@@ -19,13 +19,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
 from beltid.errors import BeltidError, InputError, printable
 from beltid.notes import heard_by, log, python_warnings
-from beltid.store.disk import check_place, write_bytes
 
 if TYPE_CHECKING:
     from beltid.report.summary import Summary
@@ -71,7 +70,7 @@ class Common:
 
 
 def finish(work: Callable[[], Summary | str], common: Common, kept: str | None = NOTHING) -> None:
-    """Do the work, print its summary on stdout, or write its text, and exit with its status.
+    """Do the work, print its summary or text on stdout, and exit with its status.
 
     `kept` says what an interrupt leaves; None: the command writes no file.
     """
@@ -80,28 +79,19 @@ def finish(work: Callable[[], Summary | str], common: Common, kept: str | None =
     with heard_by(Terminal(quiet=common.quiet, verbose=common.verbose)):
         try:
             with python_warnings():
-                if kept is None:
-                    refuse_out(common)
+                if kept is None and common.out is not None:
+                    raise InputError(
+                        f"--out = {common.out}: this command writes no file, leave it out"
+                    )
                 made = work()
                 if not isinstance(made, str):
                     _report(made, common, time.monotonic() - start)
-                elif common.out is not None:
-                    check_place(common.out, (".yaml", ".yml"), force=common.force)
-                    write_bytes(common.out, made.encode())
-                    log.info("%s written", common.out)
-                    raise typer.Exit
                 _print(made, common)
         except BeltidError as error:
             for problem in error.problems:
                 log.error("%s", problem)
             raise typer.Exit(error.exit_status) from None
     raise typer.Exit(0 if isinstance(made, str) else made.exit_status)
-
-
-def refuse_out(common: Common) -> None:
-    """Refuse --out where no file is written."""
-    if common.out is not None:
-        raise InputError(f"--out = {common.out}: this command writes no file, leave it out")
 
 
 def _report(summary: Summary, common: Common, elapsed_s: float) -> None:
@@ -131,13 +121,12 @@ def _print(made: Summary | str, common: Common) -> None:
 
             from beltid.report.summary import show
 
-            columns = os.environ.get("COLUMNS", "")
-            width = int(columns) if columns.isdecimal() and int(columns) > 0 else None
-            about: dict[str, Any] = {"width": width}
+            console = Console()
             if not sys.stdout.isatty():
                 # the text must not depend on the terminal from which the pipe was started
-                about = {"force_terminal": False, "width": width or 100, "color_system": None}
-            show(made, Console(**about), complete=common.verbose)
+                width = None if os.environ.get("COLUMNS") else 100
+                console = Console(force_terminal=False, color_system=None, width=width)
+            show(made, console, complete=common.verbose)
         sys.stdout.flush()
     except OSError as error:
         mute("stdout")

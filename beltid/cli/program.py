@@ -297,13 +297,6 @@ def main() -> None:
     hear_signals()
     try:
         app()
-    except OSError as error:  # such as a file name that is too long
-        try:
-            Path.cwd()
-            if error.filename is None and error.errno:  # not about a file that the user named
-                raise
-            problem = f"{error.filename}: {error.strerror}" if error.errno else str(error)
-        except FileNotFoundError:
-            problem = "the working folder no longer exists: change to another one"
-        typer.echo(f"error: {printable(problem)}", err=True)
+    except OSError as error:  # such as a file name that is too long, or no working folder
+        typer.echo(f"error: {printable(str(error))}", err=True)
         sys.exit(EXIT_INPUT)
