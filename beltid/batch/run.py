@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from beltid import stages
-from beltid.config import Config, ConfigSource
-from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
+from beltid.config import Config, ConfigSource, find_config
 from beltid.errors import (
     EXIT_BATCH_FAILED,
     EXIT_BUG,
@@ -29,14 +28,13 @@ from beltid.errors import (
     EXIT_OUT_OF_TOLERANCE,
     BeltidError,
     ConfigError,
-    InputError,
     TooFewSettings,
 )
 from beltid.notes import log, prefixed, python_warnings
 from beltid.report.results import summary_of
 from beltid.report.summary import Summary
 from beltid.stage import Stage
-from beltid.stages.about import WITHOUT, checked, lacking
+from beltid.stages.about import WITHOUT, checked, lacking, wrong_recordings
 from beltid.stages.report_belt import NAME, OnPage, keep_curves, mark_to_write, write_page
 from beltid.stages.steps import STAGES
 from beltid.stages.workers import Workers, available_cores, cluster, threads
@@ -261,14 +259,10 @@ def _say(level: int, name: str, lines: Sequence[str]) -> None:
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
     """Load the configs of a batch, one per belt, and that of ``--config``."""
-    named = [(path, str(path)) for path in paths]
-    if explicit is not None:
-        named.append((explicit, f"{explicit} (--config)"))
-    elif not named and (path := named_by_environment()) is not None:
-        named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
-    if not named:
-        raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
-    sources, problems = checked(named)
+    sources, problems = checked(paths)
+    if explicit is not None or not paths:
+        sources.append(find_config(None, explicit))
+        problems += wrong_recordings(sources[-1])
     by_name = dict[str, ConfigSource]()
     for source in sources:
         other = by_name.setdefault(source.name.lower(), source)  # file systems may ignore case

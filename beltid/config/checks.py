@@ -90,24 +90,13 @@ class Number:
         value = value.item() if hasattr(value, "item") else value
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or (self.whole and value % 1):
-            raise complain(f"a {'whole ' * self.whole}number {self.allowed}{_hint(value)}")
+            kind = "whole number" if self.whole else "number such as 0.1, without quotes or unit,"
+            raise complain(f"a {kind} {self.allowed}")
         above = value > self.low if self.open_low else value >= self.low
         below = value < self.high if self.open_high else value <= self.high
         if not (above and below and abs(value) <= LARGEST) or (self.even and value % 2):
             raise complain(self.allowed)
         return int(value) if self.whole else float(value)
-
-
-def _hint(value: Any) -> str:
-    """Tell why a text is not a number."""
-    text = value.strip() if isinstance(value, str) else ""
-    hints = {
-        r"[-+]?\d+,\d+([eE][-+]?\d+)?": f"the decimal sign is a point: {text.replace(',', '.')}",
-        r"[-+]?[\d.]+([eE][-+]?\d+)?": "without quotes",
-        r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°].*": "the number alone; its unit is in the key",
-    }
-    found = (f" ({hint})" for form, hint in hints.items() if re.fullmatch(form, text, re.DOTALL))
-    return next(found, "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +118,16 @@ class ListOf:
         value = value.tolist() if hasattr(value, "tolist") else value
         if not isinstance(value, (list, tuple)) or not 1 <= len(value) <= self.longest:
             raise complain(f"a list such as {self.example}, of 1 to {self.longest}")
-        seen: list[Any] = []
+        return tuple(
+            each(
+                (i, item, _given_before if self.distinct and item in value[:i] else self.check)
+                for i, item in enumerate(value)
+            ).values()
+        )
 
-        def checked(item: Any) -> Any:
-            valid = self.check(item)
-            if self.distinct and valid in seen:
-                raise complain("given once only")
-            seen.append(valid)
-            return valid
 
-        return tuple(each((i, item, checked) for i, item in enumerate(value)).values())
+def _given_before(value: Any) -> Any:
+    raise complain("given once only")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,14 +178,12 @@ def file_path(value: Any) -> Path:
 
 
 def pattern_of_names(value: Any) -> str:
-    """Check a pattern of file names: text with ``{name}`` or ``{name:unit}``, or a regex."""
-    reason = "such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm"
-    try:
-        if isinstance(value, str) and len(value) <= 500 and name_pattern(value).names:
+    """Check a pattern of file names: text with ``{name}`` or ``{name:unit}``, each name once."""
+    if isinstance(value, str) and len(value) <= 500:
+        names = name_pattern(value).names
+        if 0 < len(names) == len(set(names)):
             return value
-    except ValueError as error:
-        reason = str(error)
-    raise complain(f"a pattern with a name in braces ({reason})")
+    raise complain("a pattern with names in braces, such as {run}_{arc_deg}deg.lvm, each once")
 
 
 def _plain(pattern: str, rule: str, value: Any) -> str:
@@ -264,57 +251,39 @@ class NameParts:
     """A compiled pattern of file names: its expression, names, and units that it states.
 
     Names are matched by RE2 (part of Arrow), whose time is linear in the length of the name for
-    every pattern; in return it has no look-around and no back-references.
+    every pattern.
     """
 
     regex: str
-    names: tuple[str, ...]
+    names: list[str]
     units: dict[str, str]
 
     def values(self, name: str) -> dict[str, str] | None:
         """Return the values in a file name; None if it does not match."""
-        groups = _match(self.regex, [name])[0].as_py()
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        # file names may contain bytes that are not text
+        names = pa.array([name.encode("utf-8", "replace").decode()], pa.string())
+        groups = pc.extract_regex(names, pattern=rf"\A{self.regex}\z")[0].as_py()
         return None if groups is None else {k: v for k, v in groups.items() if v}
 
 
 def name_pattern(pattern: str) -> NameParts:
-    """Compile ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``, or raise a ValueError.
+    """Compile ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``.
 
     ``{run}``, ``{test}``, ``{condition}`` and ``{side}`` match a text, ``{}`` a text that is
     ignored, other names a number (decimal sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}``
-    a number in this unit. A pattern with ``(?P<name>...)`` is a regular expression of RE2.
+    a number in this unit.
     """
-    regex, units = (pattern, {}) if "(?P<" in pattern else _from_braces(pattern)
-    try:
-        names = tuple(field.name for field in _match(regex, []).type)
-    except ValueError as error:
-        reason = str(error).removeprefix("Invalid regular expression: ").partition(r": \A(?:")[0]
-        raise ValueError(f"it does not compile: {reason}") from None
-    if len(set(names)) < len(names):
-        raise ValueError("it names one of them twice")
-    return NameParts(regex, names, units)
-
-
-def _match(regex: str, names: list[str]) -> Any:
-    """Match whole names against a regular expression; return an Arrow array of the groups."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    # file names may contain bytes that are not text
-    texts = [name.encode("utf-8", "replace").decode() for name in names]
-    return pc.extract_regex(pa.array(texts, pa.string()), pattern=rf"\A(?:{regex})\z")
-
-
-def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
-    """Convert a pattern with braces to a regular expression and its units."""
-    text, *places = re.split(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}", pattern)
-    regex, units = re.escape(text), {}
-    for name, unit, after in zip(places[::3], places[1::3], places[2::3], strict=True):
-        if unit:
-            units[name] = unit
+    text, *places = re.split(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}", pattern, flags=re.ASCII)
+    names, units, texts = places[::3], places[1::3], places[2::3]
+    regex = re.escape(text)
+    for name, after in zip(names, texts, strict=True):
         of = _NUMBER if "_" in (name or "") else ".+?"
         regex += (f"(?P<{name}>{of})" if name else ".*?") + re.escape(after)
-    return regex, units
+    stated = {name: unit for name, unit in zip(names, units, strict=True) if unit}
+    return NameParts(regex, [*filter(None, names)], stated)
 
 
 def number_in_name(text: str) -> float:

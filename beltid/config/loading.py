@@ -18,8 +18,6 @@ from beltid.config.checks import Section, allowed, section_in
 from beltid.config.model import Config
 from beltid.errors import ConfigError
 
-SHOWN = 40
-ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
 UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")  # key; of other errors, the value
 LAYOUT = ("columns", "units", "runs")
 MAX_BYTES = 100_000
@@ -71,10 +69,10 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
         )
     config, folder = _checked(read_source(Path(source))), Path(source).parent
     data = config.data.model_copy(
-        update={kind: _shorten(folder / path) for kind, path in config.data.files.items()}
+        update={kind: folder / path for kind, path in config.data.files.items()}
     )
     runs = {
-        kind: {**config.runs[kind], "table": _shorten(folder / table)}
+        kind: {**config.runs[kind], "table": folder / table}
         for kind, table in config.run_tables.items()
     }
     return config.model_copy(update={"data": data, "runs": config.runs | runs})
@@ -99,15 +97,9 @@ def _checked(source: Source) -> Config:
             )
             for detail in error.errors(include_url=False)
         ]
-    lines = [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
-    hidden = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
-    raise ConfigError([*lines[:SHOWN], *hidden])
-
-
-def _shorten(path: Path) -> Path:
-    """Shorten ``configs/../rigdata`` to ``rigdata``, unless a symbolic link makes them differ."""
-    short = os.path.normpath(path)
-    return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
+    raise ConfigError(
+        [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,36 +122,21 @@ def find_config(
     """Find the config of a recording or artifact.
 
     The first of: `explicit`; the file named by ``$BELTID_CONFIG``; ``<stem>.yaml``, then
-    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig. If it
-    is wrong, the ConfigError says how it was found.
+    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig.
     """
     if explicit is not None:
         return ConfigSource(load_config(explicit), f"{explicit} (--config)", Path(explicit))
-    if (named := named_by_environment()) is not None:
-        return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
+    if named := os.environ.get("BELTID_CONFIG", "").strip():
+        return ConfigSource(load_config(named), f"{named} (named by $BELTID_CONFIG)", Path(named))
     if recording_path is not None:
         recording = Path(os.path.abspath(recording_path))
         stem = Path(recording.name.removesuffix(".gz")).stem
-        for folder in recording.parents:
-            for candidate in (folder / f"{stem}.yaml", folder / "beltid.yaml"):
-                if os.path.isfile(candidate):  # False, too, in a folder that may not be read
-                    return _load_found(candidate, f"found for {Path(recording_path).name}")
+        for path in (
+            f / name for f in recording.parents for name in (f"{stem}.yaml", "beltid.yaml")
+        ):
+            if os.path.isfile(path):  # False, too, in a folder that may not be read
+                return ConfigSource(load_config(path), f"{path} (found for {recording.name})", path)
     return ConfigSource(Config(), "the built-in 5PK rig of the paper")
-
-
-def named_by_environment() -> Path | None:
-    """Return the path in the environment variable BELTID_CONFIG, None if it is not set."""
-    named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
-    return Path(named) if named else None
-
-
-def _load_found(path: Path, how: str) -> ConfigSource:
-    try:
-        return ConfigSource(load_config(path), f"{path} ({how})", path)
-    except ConfigError as error:
-        raise ConfigError(
-            [*error.problems, f"{path}: this config was {how}, --config names another"]
-        ) from None
 
 
 def effective_values(
@@ -203,8 +180,6 @@ def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
     others = [f"{name}.{word}" for name in model.model_fields if word in _keys_at((name,), model)]
     if near := [*difflib.get_close_matches(word, known, n=1), *others]:
         return f", did you mean {near[0]}?"
-    if word.isdigit() and path[:-1]:  # {span_length_m: 0,10} reads as a key 10
-        return " (the decimal sign is a point)"
     return f", known are {', '.join(known)}"
 
 
@@ -268,8 +243,6 @@ def read_source(path: Path) -> Source:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1).removeprefix(codecs.BOM_UTF8)
         text = raw.decode()
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: there is no such config file") from None
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise ConfigError(
@@ -282,9 +255,8 @@ def read_source(path: Path) -> Source:
         raise ConfigError(f"{path}: larger than {MAX_BYTES:,} bytes, this is not a config")
     source = _parsed(text, str(path))
     if not isinstance(source.values, Mapping):
-        what = "list" if isinstance(source.values, list) else "single value"
-        found = ": the config is empty" if source.values is None else f":1:1: found a {what}"
-        raise ConfigError(f"{path}{found}, it must hold sections such as belt:, rig:")
+        found = _found(source.values, None)
+        raise ConfigError(f"{path}:1:1: is {found}, must hold sections such as belt:, rig:")
     return source
 
 
@@ -299,31 +271,10 @@ def _parsed(text: str, name: str) -> Source:
     except MarkedYAMLError as error:
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
-        found = str(error.problem)
-        if found.startswith("found duplicate key"):
-            found = next(_twice(root, (), set()))
-        plainly = {
-            "'\\t'": "a tab, indent with blanks",
-            "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
-            "text in quotes?)",
-        }
-        reason = next((text for words, text in plainly.items() if words in found), found)
+        reason = str(error.problem).partition(" with value")[0]  # of a duplicate key
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
-
-
-def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
-    """Say of each key that a section has twice where it stood first; an alias is seen once."""
-    if id(node) in seen:
-        return
-    seen.add(id(node))
-    lines: dict[str | int, int] = {}
-    for name, key, value in _items(node):
-        if name in lines:
-            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
-        lines.setdefault(name, key.start_mark.line + 1)
-        yield from _twice(value, (*path, name), seen)
 
 
 def _items(node: Any) -> list[tuple[str | int, Any, Any]]:

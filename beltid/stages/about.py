@@ -75,7 +75,7 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
 
 def check_configs(paths: Sequence[Path]) -> Summary:
     """Check configs, and whether the recordings they name exist."""
-    sources, problems = checked([(path, str(path)) for path in paths])
+    sources, problems = checked(paths)
     if problems:
         raise ConfigError(problems)
     return Summary(
@@ -89,12 +89,12 @@ def check_configs(paths: Sequence[Path]) -> Summary:
     )
 
 
-def checked(named: Sequence[tuple[Path, str]]) -> tuple[list[ConfigSource], list[str]]:
-    """Load configs by their paths and origins; return those that load, and all problems."""
+def checked(paths: Sequence[Path]) -> tuple[list[ConfigSource], list[str]]:
+    """Load configs; return those that load, and all problems."""
     sources, problems = list[ConfigSource](), list[str]()
-    for path, origin in named:
+    for path in paths:
         try:
-            sources.append(ConfigSource(load_config(path), origin, path))
+            sources.append(ConfigSource(load_config(path), str(path), path))
             problems += wrong_recordings(sources[-1])
         except ConfigError as error:
             problems += error.problems
@@ -108,7 +108,8 @@ def lacking(config: Config) -> list[str]:
 
 def wrong_recordings(source: ConfigSource) -> list[str]:
     """Return problems of the recordings that a config names, each with its line in the config."""
-    assert source.path is not None
+    if source.path is None:
+        return ["no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG"]
     data, tables = source.config.data.files, source.config.run_tables
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}

@@ -76,7 +76,11 @@ def test_all_that_is_wrong_with_the_configs_is_told_before_anything_runs(tmp_pat
     done = beltid(tmp_path, "run", *configs, "missing.yaml")
     assert done.exit_code == 2
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    for words in ("missing.yaml: there is no", "belt.name = A, must differ", "data.rig = no.csv"):
+    for words in (
+        "missing.yaml: the config cannot",
+        "belt.name = A, must differ",
+        "data.rig = no.csv",
+    ):
         assert len([line for line in errors if words in line]) == 1, done.stderr
     assert not (tmp_path / "runs").exists()
 

@@ -123,15 +123,10 @@ def test_what_is_no_config_and_whose_name_it_may_have(
         assert (found.config.belt.ribs, found.path) == (11, path)
 
 
-def test_a_wrong_config_that_was_found_says_why_it_was_taken(
+def test_the_config_that_the_environment_names_is_taken_before_one_beside_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    ribs(tmp_path / "beltid.yaml", 0)
-    with pytest.raises(ConfigError) as caught:
-        find_config(tmp_path / "rig.csv")
-    assert len(caught.value.problems) == 2
-    assert all(word in caught.value.problems[1] for word in ("beltid.yaml", "rig.csv", "--config"))
+    ribs(tmp_path / "beltid.yaml", 11)
     missing = tmp_path / "missing.yaml"
     monkeypatch.setenv("BELTID_CONFIG", str(missing))
     for explicit in (missing, None):

@@ -70,15 +70,10 @@ NAME = "x" * 250 + ".csv"  # as long as a file system allows, and no pattern bel
 @pytest.mark.parametrize(
     "pattern",
     [
-        "(?P<run>(?:x+x+)+y)",
-        "(?P<run>(?:x|x|x)*y)",
-        "(?P<run>(?:.*)*)" + "(?:.*)*" * 60 + "y",
-        "(?P<run>x*)" + "x*" * 200 + "y",
-        "(?P<run>(?:(?:x{1,9}){1,9}){1,9})y",
         "{run}" + "{}" * 200 + "y",
         "{run}" + "{}x" * 100 + "y",
     ],
-    ids=range(7),
+    ids=range(2),
 )
 def test_a_pattern_takes_time_in_proportion_to_the_name(pattern):
     start = time.process_time()
