@@ -4,7 +4,6 @@ The mark of a page says what it was made from. What draws and simulates is impor
 written, so that a page in date costs nothing.
 """
 
-import contextlib
 import json
 import math
 import os
@@ -20,14 +19,14 @@ import numpy as np
 from beltid import stages
 from beltid._version import __version__
 from beltid.config import ConfigSource, find_config, load_config
-from beltid.errors import ArtifactError, BeltidError, ConfigError, InputError
+from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
 from beltid.params import OperatingPoint
 from beltid.report.results import BeltResults, Sheet
 from beltid.report.summary import Summary
 from beltid.stage import as_measured
 from beltid.stages.steps import STAGES
-from beltid.store.artifact import RECORDINGS, Artifact, misfits, read_artifact, refuse_misfits
+from beltid.store.artifact import misfits, read_artifact, refuse_misfits
 from beltid.store.disk import (
     FOREIGN,
     OURS,
@@ -65,7 +64,6 @@ class OnPage:
     """A belt on a page, by the results in its folder."""
 
     folder: Path
-    recordings: Collection[str] = ()  # kinds that its config names; results of others are hidden
     made: Collection[str] | None = None  # results that `run` has made or kept; others are hidden
     failures: tuple[str, ...] = ()  # stages that failed, each with its exit status and its message
 
@@ -83,7 +81,7 @@ class OnPage:
                 except ArtifactError as error:
                     shown[name] = str(error)
         folder, left = self.folder.resolve().name, [*filter(self.is_left, shown)]
-        return [folder, shown, left, sorted(self.recordings), self.failures]
+        return [folder, shown, left, self.failures]
 
 
 def run(
@@ -100,7 +98,7 @@ def run(
         for folder in folders:
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
-    belts = [OnPage(folder, recordings_of(folder)) for folder in folders]
+    belts = [OnPage(folder) for folder in folders]
     pages = {belt.folder / NAME: [belt] for belt in belts if len(belts) > 1}
     above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
     pages[out or (above if pages else folders[0]) / NAME] = belts
@@ -140,17 +138,6 @@ def mark_of(page: Path) -> str | None:
 def sealed(text: str) -> str:
     """Return the text of a page with its last line."""
     return text + SEAL.format(sha256(text.encode()))
-
-
-def recordings_of(folder: Path) -> Collection[str]:
-    """Return the recordings that the config of a folder's results names; empty if not known."""
-    with contextlib.suppress(ConfigError):
-        config = find_config(folder / "stiffness.parquet").config
-        for name in ("friction", "stiffness", "slip"):
-            with contextlib.suppress(ArtifactError):
-                made_with = read_artifact(folder / f"{name}.parquet", name).record.config_sha256
-                return config.data.files if made_with == config.sha256 else ()
-    return ()
 
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
@@ -214,8 +201,7 @@ def _row(results: BeltResults) -> dict[str, Any]:
 
 def gather(belt: OnPage) -> BeltResults:
     """Read the results of a belt, which must fit together; those not shown are its problems."""
-    shown, problems = dict[str, Sheet](), list[str]()
-    not_shown: dict[str, list[str]] = {}
+    shown, left, problems = dict[str, Sheet](), dict[str, Sheet](), list[str]()
     for name, kind in ARTIFACTS.items():
         path = belt.folder / f"{name}.parquet"
         if not path.exists():
@@ -225,11 +211,10 @@ def gather(belt: OnPage) -> BeltResults:
         except ArtifactError as error:
             problems += error.problems
         else:
-            if why := _why_not(belt, name, sheet):
-                not_shown.setdefault(why, []).append(path.name)
-            else:
-                shown[name] = sheet
-    problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
+            (left if belt.is_left(name) else shown)[name] = sheet
+    if left:
+        files = ", ".join(sheet.path.name for sheet in left.values())
+        problems.append(f"{files}: not shown, left from an earlier run")
     refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
     for name in [name for name in CURVES if name in shown]:
         if lines := misfits([*(shown[n] for n in shown if n not in CURVES), shown[name]]):
@@ -248,14 +233,6 @@ def gather(belt: OnPage) -> BeltResults:
         failures=belt.failures,
         belt_facts=() if stated is None else (stated["type"], f"{stated['ribs']} ribs"),
     )
-
-
-def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
-    """Return why an artifact is not shown; empty if it is."""
-    for kind in artifact.record.ancestors:
-        if belt.recordings and kind in RECORDINGS and kind not in belt.recordings:
-            return f"the config names no {kind} recording"
-    return "left from an earlier run" if belt.is_left(name) else ""
 
 
 def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[dict[str, Any], ...], list[str]]:
