@@ -45,7 +45,6 @@ COEFFICIENTS = (
 )
 MOST_BRANCH_POINTS = 120
 HELD = 0.005  # difference of the spans at rest over the initial tension, warned of [-]
-FAINT = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT = 0.03  # change of the sum of tensions with which a hub force is constant [-]
 TOUCH_DEG = 360.0  # arc beyond which the turns of the belt may touch each other
 TOUCHING = "wrapped by a whole turn or more: where turns touch, they rub on each other"
@@ -305,10 +304,6 @@ def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
             yield f"{sum(counts)} {text}, in {counted(hit, 'run')}"
     if swapped := [run.run for run in runs if run.swapped]:
         yield f"tight and slack cell were swapped in {listed(swapped)}; corrected"
-    if unresolved := sum(run.ok and bool(run.mu_sticking_reason) for run in runs):
-        yield f"no mu_sticking for {counted(unresolved, 'run')}: the records do not resolve it"
-    if faint := [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]:
-        yield f"of little weight, standard error above {percent(100 * FAINT)}: {listed(faint)}"
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:

@@ -255,11 +255,7 @@ def _stated_by(inspection: Inspection) -> dict[str, Any]:
         settings = sorted(
             {float(f"{value:.4g}") for value in nominal_settings(np.array(recorded), gap)}
         )
-        if len(settings) > MOST_SETTINGS:
-            log.info(
-                f"{key} is left open: the recording has {len(settings)} values, which are used"
-            )
-        elif settings:
+        if 0 < len(settings) <= MOST_SETTINGS:
             values[key] = settings
     return values
 
