@@ -82,8 +82,8 @@ class InputError(BeltidError):
     """Invalid recording, config, artifact or argument (status 2)."""
 
 
-class TooFewSettings(InputError):
-    """Too few measured bench settings for the requested computation."""
+class NotPossible(InputError):
+    """The recordings do not allow this computation; a chain of steps does without."""
 
 
 class ConfigError(InputError):

@@ -163,10 +163,10 @@ def simulated(surface: Any = 0.5, law: Any = LAW, **changed: Any) -> Any:
     [
         (lambda: simulated(law=None), ["law = None"]),
         (lambda: beltid.simulate_campaign(None, 0.5, "soft"), ["law = str"]),
-        (lambda: simulated(arc_deg=400), ["arc_deg = 400", "360 °"]),
+        (lambda: simulated(arc_deg=400), ["arcs_deg[0] = 400", "360) °"]),
         (
             lambda: simulated(arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None),
-            ["arc_deg = 0", "initial_tension_N = nan", "pulley_speed_rad_s = None"],
+            ["arcs_deg[0] = 0", "initial_tensions_N[0] = nan", "pulley_speeds_rad_s[0] = empty"],
         ),
         (lambda: simulated(-0.5), ["surface = -0.5"]),
         (lambda: simulated(True), ["surface = bool"]),

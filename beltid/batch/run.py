@@ -19,7 +19,6 @@ from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import Any
 
-from beltid import stages
 from beltid.config import Config, ConfigSource, find_config
 from beltid.errors import (
     EXIT_BATCH_FAILED,
@@ -28,7 +27,7 @@ from beltid.errors import (
     EXIT_OUT_OF_TOLERANCE,
     BeltidError,
     ConfigError,
-    TooFewSettings,
+    NotPossible,
 )
 from beltid.notes import log, prefixed, python_warnings
 from beltid.report.results import summary_of
@@ -105,9 +104,6 @@ CHAIN = (
 )
 """The published procedure and the refined surface, both compared with the bench; prediction of runs
 left out; and the drive of the speed-loss recording, if the config states one."""
-
-OF_RUNNING_BELT = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
-"""Steps that need no simulated rig; a running belt has none."""
 
 
 @dataclass(slots=True)
@@ -202,10 +198,7 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step, belt.states[step.name] in chain_of(source.config):
-            is_running = "rig_running" in belt.facts.get("fit-friction", {})
-            if is_running and step.name not in OF_RUNNING_BELT:
-                belt.states[step.name] = "not simulated"
-            elif files.keys() >= set(step.needs.values()):
+            if files.keys() >= set(step.needs.values()):
                 out, start = folder / f"{step.makes}.parquet", time.monotonic()
                 try:
                     made, kept = step.stage.run(
@@ -213,16 +206,12 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                     )
                     belt.has(step.name, summary_of(made, up_to_date=kept), time.monotonic() - start)
                     files[step.makes] = out
-                except TooFewSettings as error:
-                    belt.states[step.name] = "too few settings"
+                except NotPossible as error:
+                    belt.states[step.name] = "not possible"
                     _say(logging.WARNING, step.name, error.problems)
                 except Exception as error:
                     belt.failed(step.name, error)
-        if "not simulated" in belt.states.values():
-            log.info(stages.rig.NOT_SIMULATED)
-    # what lacks a recording is hidden as such, whoever writes the page
-    lack = (step.makes for step in CHAIN if belt.states.get(step.name) == NO_RECORDING)
-    belt.made = sorted({*files, *lack})
+    belt.made = sorted(files)
     return belt
 
 
@@ -235,7 +224,7 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
         for name, (status, problems) in belt.troubles.items()
         if belt.states[name] == FAILED
     )
-    shown, out = OnPage(folder, source.config.data.files, belt.made, failures), folder / NAME
+    shown, out = OnPage(folder, belt.made, failures), folder / NAME
     with prefixed(f"{source.name}: "):
         keep_curves(source, folder, force=force)
         try:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from beltid.arrays import Array, Columns
-from beltid.errors import InputError, TooFewSettings, counted
+from beltid.errors import InputError, NotPossible, counted
 from beltid.identify.estimators import settings_of
 
 OK = "ok"
@@ -260,7 +260,7 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
     """List the settings, "arc" or "speed", that can be left out, in ascending order.
 
     From columns (n,) of reduced runs and the rows of the usable ones. Raises
-    :class:`TooFewSettings` if too few settings or runs would remain.
+    :class:`NotPossible` if too few settings or runs would remain.
     """
     if by not in SETTING:
         raise InputError(f"by = {by}, must be {' or '.join(SETTING)}")
@@ -269,7 +269,7 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
     label = settings_of(values, SAME_SETTING[column])
     count = int(label.max()) + 1 if label.size else 0
     if count < fewest:
-        raise TooFewSettings(
+        raise NotPossible(
             f"cross_validate.by = {by}: {counted(count, by)} measured, must be at least {fewest} "
             "to leave one out"
         )
@@ -283,7 +283,7 @@ def folds(columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: str) 
         if fold.rest.size < FEWEST_RUNS
     ]
     if short:
-        raise TooFewSettings(short)
+        raise NotPossible(short)
     return tuple(found)
 
 

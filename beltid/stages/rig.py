@@ -20,7 +20,7 @@ import pandas as pd
 
 from beltid.bench.recording import as_frame
 from beltid.config import Config, load_config
-from beltid.errors import BeltidError, InputError, NumericsError, counted, percent
+from beltid.errors import BeltidError, InputError, NotPossible, NumericsError, counted, percent
 from beltid.identify.agreement import SAME_SETTING
 from beltid.laws.capstan import Spans
 from beltid.laws.friction_surface import FrictionSurface
@@ -34,7 +34,6 @@ from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
     Columns,
     friction_columns,
-    is_number,
     joined,
     law_from,
     listed,
@@ -69,7 +68,6 @@ PER_CALL = 24  # number of runs whose uncertainty a worker computes in one call
 REST_SAMPLES = 10
 SLIDING_SAMPLES = 60
 TRAVEL_PER_SAMPLE_M = 5.0e-5
-NOT_SIMULATED = "a running belt has no simulated rig: only fit-friction and build-surface take it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +240,9 @@ def _same_setting(values: np.ndarray, other: float, gap: float) -> list[float]:
 def refuse_running(config: Config) -> None:
     """Raise an error for a running belt, which no simulated rig has."""
     if config.rig.running:
-        raise InputError(NOT_SIMULATED)
+        raise NotPossible(
+            "a running belt has no simulated rig: only fit-friction and build-surface take it"
+        )
 
 
 def simulation_settings(
@@ -429,31 +429,18 @@ def simulate_rig(
         If the simulation does not converge.
     """
     model = load_config(config)
-    run = _checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
-    if elements is not None and not is_number(elements):
-        raise InputError(f"elements = {elements!r}, must be a whole number, even and >= 4")
+    stated = {
+        "arcs_deg": [arc_deg],
+        "initial_tensions_N": [initial_tension_N],
+        "pulley_speeds_rad_s": [pulley_speed_rad_s],
+    }
+    rig = load_config({"rig": stated, "simulation": {"elements": elements}}).rig
+    run = PlannedRun("S001", *rig.arcs_deg, *rig.initial_tensions_N, *rig.pulley_speeds_rad_s)
     settings, bench = simulation_settings(model, method, elements), bench_of(model, surface, law)
     result = simulate(bench, [run], settings, Workers())[run]
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(run, result, model, *(float(getattr(result, name)) for name in STATE))
-
-
-def _checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
-    """Return a run with the settings of a call; raise an error that lists all wrong settings."""
-    problems = []
-    for name, value, limit, allowed in (
-        ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
-        ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),
-        ("pulley_speed_rad_s", pulley_speed_rad_s, math.inf, "> 0 rad/s and finite"),
-    ):
-        if not is_number(value):
-            problems.append(f"{name} = {value!r}, must be a number {allowed}")
-        elif not 0.0 < value < limit:
-            problems.append(f"{name} = {float(value):g}, must be {allowed}")
-    if problems:
-        raise InputError(problems)
-    return PlannedRun("S001", float(arc_deg), float(initial_tension_N), float(pulley_speed_rad_s))
 
 
 def simulate_campaign(

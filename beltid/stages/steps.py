@@ -358,7 +358,7 @@ def cross_validate(
 
     Raises
     ------
-    TooFewSettings, ConvergenceError
+    NotPossible, ConvergenceError
         If too few settings or runs would be left; if a surface or a run does not converge.
 
     Examples

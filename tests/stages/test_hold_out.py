@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 from truth.bench import R, friction
 
 from beltid.config import Config, load_config
-from beltid.errors import InputError, TooFewSettings
+from beltid.errors import InputError, NotPossible
 from beltid.identify.agreement import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.compare import predict
@@ -136,7 +136,7 @@ def test_a_bench_that_cannot_do_without_a_setting_is_refused() -> None:
         ({name: values[two_speeds] for name, values in one_arc.items()}, "speed"),
         ({name: values[np.r_[0:6, 25:28]] for name, values in few.items()}, "arc"),
     ):
-        with pytest.raises(TooFewSettings):
+        with pytest.raises(NotPossible):
             cross_validate(columns, LAW, by=by)
     with pytest.raises(InputError, match="must be arc or speed"):
         cross_validate(one_arc, LAW, by="tension")
