@@ -132,7 +132,7 @@ def agreement(
         tables={
             "groups": list(result.groups),
             "judged": list(result.judged),
-            "averaged": rows_of(result.averaged, *result.averaged),
+            "averaged": rows_of(result.averaged),
             "budget": budget,
         },
         validity={"normal_force_N_m": span(result.columns["normal_force_N_m"])},
