@@ -18,8 +18,7 @@ import pandas as pd
 
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
-from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, compare_losses
-from beltid.drive.results import ADHESION, FULL_SLIP
+from beltid.drive.results import ADHESION, FULL_SLIP, MOST_OF_ARC, RESOLVED, compare_losses
 from beltid.errors import InputError, counted
 from beltid.identify.agreement import (
     AgreementResult,
