@@ -267,7 +267,7 @@ class Inspection:
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()  # to be stated or corrected; without, the command reads it
     rig: dict[str, str] = field(default_factory=dict)  # what stays while the pulley turns
-    pattern: str = ""  # of the file names, for settings that are nowhere else
+    pattern: str = ""  # guessed, of the file names, for settings that are nowhere else
 
 
 def inspect_recording(
@@ -276,7 +276,7 @@ def inspect_recording(
     """Look into the first file of a recording, and read all of it as the stage of its kind does.
 
     Without a `kind`, it is told by the channels. With `guess`, settings of the runs are read
-    from the names of the files if they seem to be there and nowhere else.
+    from the names of the files if it cannot be read without.
     """
     benches = {k: Needs.of(config, k) for k in ([kind] if kind else KINDS)}
     sources = sources_of(path, [n.run_table for n in benches.values() if n.run_table is not None])
@@ -296,17 +296,17 @@ def inspect_recording(
             f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
         return replace(seen, problems=(problem, *(text for _, text in first.problems.found)))
-    needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
-    pattern = _pattern(names, needs, {*has}, len(tables))
-    if pattern and guess:
-        runs = config.runs | {kind: {**config.runs[kind], "pattern": pattern}}
-        config = config.model_copy(update={"runs": runs})
     try:
         recording = read_recording(path, kind, config)
     except InputError as error:
+        needs, has = of_bench(tables, benches[kind]), found_in(tables, benches[kind])
+        if guess and (pattern := _pattern(names, needs, {*has}, len(tables))):
+            runs = config.runs | {kind: {**config.runs[kind], "pattern": pattern}}
+            told = inspect_recording(path, config.model_copy(update={"runs": runs}), kind)
+            return replace(told, pattern=pattern)
         every = [mapped(channels_of([table]), needs, "") for table in tables]
         found = {role: match for of in reversed(every) for role, match in of.items()}
-        return replace(seen, pattern=pattern, found=found, problems=error.problems)
+        return replace(seen, found=found, problems=error.problems)
     rig, found, problems = recording.rig, recording.found, tuple[str, ...]()
     spans = {"tension_tight_N", "tension_slack_N"} & {*found}
     if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
@@ -321,18 +321,14 @@ def inspect_recording(
         notes=recording.notes,
         problems=problems,
         rig={name: word for name, word in rig.items() if name == "holds"},
-        pattern=pattern,
     )
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
     """Return a pattern of all file names with a setting that is found nowhere else, or ""."""
-    required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
-    if not required - found - {*needs.values} or needs.pattern or needs.run_table:
-        return ""
     units = {n: u for n, u in _UNIT_WORDS.items() if n in needs.table.names and n not in found}
     label = f"{{{needs.table.label}}}" if n_tables == 1 else "{}"
-    pattern, ending = "", PurePath(names[0]).suffix
+    pattern = ""
     for word, *others in zip(*(re.split("([_-])", PurePath(n).stem) for n in names), strict=False):
         own = word
         for role, unit in units.items():
@@ -340,9 +336,9 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
         if own == word and (re.fullmatch(_NUMBER, word) or {*others} - {word}):
             own, label = label, "{}"
         pattern += own
-    if not any(role in pattern for role in units):
-        return ""
-    return pattern + ending if all(map(name_pattern(pattern + ending).values, names)) else ""
+    pattern += PurePath(names[0]).suffix
+    fits = any(f"{{{role}}}" in pattern for role in units)
+    return pattern if fits and all(map(name_pattern(pattern).values, names)) else ""
 
 
 def ranges(channel: Channel) -> dict[str, float]:

@@ -132,14 +132,10 @@ def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
 def sliding_speed(omega: Number, R: float) -> Number:
     """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
-    In a drive ``omega`` [rad/s] is the loss of angular speed.
+    In a drive ``omega`` [rad/s] is the loss of angular speed. Under a moving belt it is the speed
+    beyond that of the belt.
     """
     return omega * R
-
-
-def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
-    """Compute the speed of the pulley's surface relative to a belt at v_b [m/s], > 0 if faster."""
-    return np.asarray(omega, dtype=float) * R - np.asarray(v_b, dtype=float)
 
 
 def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float) -> Array:
@@ -158,8 +154,6 @@ def mean_normal_force(T_tight: ArrayLike, T_slack: ArrayLike, R: float) -> Array
     is the logarithmic mean of the two end values T/R; it tends to T/R as the tensions become equal.
     """
     tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
-    x = (tight - slack) / slack
-    # (tight - slack) / ln(tight / slack) = slack * x / log1p(x), with the series at x -> 0
-    small = np.abs(x) < 1e-8
-    safe = np.where(small, 1.0, x)
-    return slack / R * np.where(small, 1.0 + 0.5 * x, safe / np.log1p(safe))
+    x = np.asarray((tight - slack) / slack)
+    # (tight - slack) / ln(tight / slack) = slack * x / log1p(x)
+    return slack / R * np.divide(x, np.log1p(x), out=np.ones_like(x), where=x != 0.0)

@@ -28,18 +28,13 @@ class FrictionLaw:
     """A law ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` without the values of its parameters."""
 
     name: str
-    units: Mapping[str, str]  # by parameter, in order; empty for a dimensionless parameter
+    parameters: Mapping[str, str]  # in order -> unit; empty for a dimensionless one
     pattern: str  # the law as text, with the names of its parameters and f0 in braces
     phi: Callable[..., Sequence[Any]]  # terms at speeds v and a speed scale, both [m/s]
     amplitudes: tuple[str, ...] = ("mu0",)  # parameters c_k
     relative: bool = False  # whether all amplitudes but the first are given in units of the first
     scale: str = ""  # parameter that is a speed scale, if there is one
     speeds_needed: int = 1  # least number of speeds that determines the dependence on speed
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters in order."""
-        return tuple(self.units)
 
     def terms(self, v: Array, scale: float) -> Array:
         """Evaluate the terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
@@ -79,7 +74,7 @@ def _stribeck(d: int) -> FrictionLaw:
 
     return FrictionLaw(
         name=f"power_stribeck_{d}",
-        units={"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"},
+        parameters={"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"},
         pattern="mu = (f / {f0})^(-({a})) * "
         f"({{mu_k}} + ({{mu_s}} - {{mu_k}}) * exp(-(v / {{v_s}})^{d}) + ({{c}}) * v)",
         phi=phi,
@@ -96,7 +91,7 @@ _LAWS = (
     ),
     FrictionLaw(
         name="power_log",
-        units={"mu0": "", "a": "", "b": "", "v0": "m/s"},
+        parameters={"mu0": "", "a": "", "b": "", "v0": "m/s"},
         pattern="mu = {mu0} * (f / {f0})^(-({a})) * (1 + ({b}) * ln(1 + v / {v0}))",
         phi=lambda v, scale: [1.0, np.log1p(v / scale)],
         amplitudes=("mu0", "b"),

@@ -379,11 +379,7 @@ def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
     below.set_ylabel("over its uncertainty [-]")
     for bound in (-2.0, 2.0):
         below.axhline(bound, color=charts.INK, lw=0.8, ls="--")
-    if np.isfinite(below.dataLim.intervalx).all():
-        above.set_xlabel("")
-    else:
-        below.remove()
-        above.tick_params(labelbottom=True)
+    above.set_xlabel("")
     return said
 
 

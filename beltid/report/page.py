@@ -141,12 +141,10 @@ def tabulated(sheet: Sheet, name: str) -> Table | None:
         title = f"µ ± {sheet.mu_error[1]} at the nodes of the {sheet.label}"
         return table(title, grid(sheet, errors=True))
     if name:
-        title = sentence(TITLES.get(name, "simulated less measured µ"))
         of = sheet.name if name == "budget" else sheet.label
-        return table(f"{title}, {of}", chosen(sheet.rows(name), name))
+        return table(f"{sentence(TITLES[name])}, {of}", chosen(sheet.rows(name), name))
     shown = summary_of(sheet)
-    rows = (shown.overview,) if sheet.kind == "stiffness" else (shown.table, shown.shown)
-    return table(sentence(shown.title), *rows)
+    return table(sentence(shown.title), shown.table, shown.shown)
 
 
 def set_aside(results: BeltResults) -> Table | None:

@@ -6,14 +6,14 @@ One view serves the command that made it, `show`, ``--json`` and the repr of a r
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
 from beltid.errors import EXIT_NUMERICS, EXIT_OUT_OF_TOLERANCE
 from beltid.identify.estimators import settings_of, snap_to_settings
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import Rows, Summary, between, cell, rows_of, show
+from beltid.report.summary import Rows, Summary, cell, rows_of, show
 from beltid.store.artifact import Artifact, combined_origin
 
 HELD_OUT = "crossvalidation"  # comparison with runs that were left out and predicted
@@ -204,71 +204,60 @@ def load_name(friction: Sheet) -> str:
     return "weight" if "weight" in rig else "belt tension"
 
 
-FEW = 16  # number of rows up to which a table is shown as it is
+FEW, FIRST = 16, 6  # rows and columns of a long table that are shown; they fit a terminal
 MOST_LINES = 40
 
 
-class View(NamedTuple):
-    """What is shown of a kind: a title, columns whose values group a long table, others."""
-
-    title: str
-    by: str = ""
-    shown: str = ""
-
-
-RIG = "arc_deg pulley_speed_rad_s"
-DRIVE = "driver_speed_rad_s initial_tension_N"
-POINTS = "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
-# kind -> what is shown of it
+RIG = "run arc_deg pulley_speed_rad_s normal_force_N_m"
+DRIVE = "run driver_speed_rad_s initial_tension_N torque_N_m"
+POINTS = f"{RIG} mu_measured mu_simulated within_tolerance nominal_tension_N status"
+# kind -> title and columns of what is shown of it
 VIEWS = {
-    "stiffness": View(
-        "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
-        shown="temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
-        "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m",
+    "stiffness": (
+        "normal contact law, force = k_linear * penetration + k_quadratic * penetration²; without "
+        "a temperature: the pooled law",
+        "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
+        "hysteresis_ratio max_force_N_m",
     ),
-    "slip": View(
+    "slip": (
         "sliding speed of belt on pulley in service, from the loss of angular speed",
-        DRIVE,
-        "torque_N_m slip_speed_m_s slip_speed_se_m_s speed_loss_rad_s run status",
+        f"{DRIVE} slip_speed_m_s slip_speed_se_m_s speed_loss_rad_s status",
     ),
-    "friction": View(
+    "friction": (
         "friction coefficient of every run",
-        RIG,
-        "normal_force_N_m mu_sliding mu_sliding_u mu_sticking run nominal_tension_N status",
+        f"{RIG} mu_sliding mu_sliding_u mu_sticking nominal_tension_N status",
     ),
-    "surface": View(
+    "surface": (
         "friction coefficient over normal force and sliding speed",
-        shown="arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
+        "arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
     ),
-    "simulated": View(
+    "simulated": (
         "friction coefficient of every simulated run, sliding",
-        RIG,
-        "normal_force_N_m mu run initial_tension_N status",
+        f"{RIG} mu initial_tension_N status",
     ),
-    "compare": View("simulated less measured friction, relative to measured", RIG, POINTS),
-    "crossvalidation": View("friction of runs left out, predicted less measured", RIG, POINTS),
-    "drive": View(
+    "compare": ("simulated less measured friction, relative to measured", POINTS),
+    "crossvalidation": ("friction of runs left out, predicted less measured", POINTS),
+    "drive": (
         "speed loss and forces of a belt drive, predicted from the identified laws",
-        "pulley",
-        "torque_N_m speed_loss_rad_s hub_force_N reserve speed_loss_u_rad_s driver_speed_rad_s run "
+        "run pulley torque_N_m speed_loss_rad_s hub_force_N reserve speed_loss_u_rad_s "
+        "driver_speed_rad_s status",
+    ),
+    "compare_drive": (
+        "predicted less measured speed loss of the drive",
+        f"{DRIVE} loss_measured_rad_s loss_predicted_rad_s relative_difference e_over_u arc_share "
         "status",
     ),
-    "compare_drive": View(
-        "predicted less measured speed loss of the drive",
-        DRIVE,
-        "torque_N_m loss_measured_rad_s loss_predicted_rad_s relative_difference e_over_u "
-        "arc_share run status",
-    ),
-    "press_curves": View("branches of the press", "test branch", "penetration_m line_force_N_m"),
-    "rig_curves": View("runs of the rig over time", "run", "time_s mu"),
-    "plan": View(
+    "press_curves": ("branches of the press", "test branch penetration_m line_force_N_m"),
+    "rig_curves": ("runs of the rig over time", "run time_s mu"),
+    "plan": (
         "the next runs of the friction rig",
-        shown="order arc_deg initial_tension_N pulley_speed_rad_s repeat repeats start_minutes "
+        "order arc_deg initial_tension_N pulley_speed_rad_s repeat repeats start_minutes "
         "gain_percent needed_for",
     ),
 }
 # further table that is always shown (the budget, of surfaces) -> its title
 TITLES = {
+    "groups": "simulated less measured µ",
     "budget": "standard uncertainties, in percent of the quantity",
     "misfit": "simulated less measured friction: published surface, then refined",
     "effects": "friction changes not in the surface, in percent of mu",
@@ -291,22 +280,22 @@ FOR_REPORT = ("uncertainty", "laid", "averaged")  # what only stages and the rep
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
-    record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
+    record, (title, wanted) = artifact.record, VIEWS.get(artifact.kind, (artifact.kind, ""))
     columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
-    rows = rows_of(columns, *columns)
+    rows = rows_of(columns)
     if runs := record.tables.get(RUNS):
         rows = [{k: v for k, v in row.items() if not isinstance(v, dict)} for row in runs]
-    known = list(next(iter(rows), {}))
-    names = [name for name in f"{view.by} {view.shown}".split() if name in known]
+    known = tuple(next(iter(rows), {}))
+    shown = tuple(name for name in wanted.split() if name in known) or known
     facts = {k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT}
     return Summary(
         stage=record.made_by or artifact.kind,
-        title=view.title,
+        title=title,
         out=artifact.path if record.made_by else None,
         facts=facts,  # further tables are facts for programs, under their names
         table=rows,
-        overview=_overview(artifact, view, rows),
-        shown=tuple(sorted(names, key=lambda name: name != "run") or known),
+        overview=_overview(artifact, rows, shown),
+        shown=shown,
         details={
             TITLES.get(name, name.replace("_", " ")): chosen(table, name)
             for name, table in record.tables.items()
@@ -330,18 +319,14 @@ def chosen(rows: Rows, table: str) -> Rows:
     return [{name: row[name] for name in names} for row in rows] if names else rows
 
 
-def _overview(artifact: Artifact, view: View, rows: Rows) -> Rows:
-    """Return what people see of a long table: an own one, a pivot, or a row per setting."""
-    by, shown = view.by.split(), view.shown.split()
-    if "groups" in artifact.record.tables:
-        return chosen(artifact.record.tables["groups"], "groups")
+def _overview(artifact: Artifact, rows: Rows, names: Sequence[str]) -> Rows:
+    """Return what people see of a surface, a grid, or of a long table, its beginning."""
     if artifact.kind == "surface":
         return grid(Sheet.of(artifact), errors=False)
-    if artifact.kind == "stiffness":  # without a temperature, the law of all
-        every = {"temperature_degC": "pooled"}
-        rows = [row | every if row["temperature_degC"] is None else row for row in rows]
-        return [{name: row[name] for name in shown} for row in rows]
-    return _grouped(rows, by, shown) if len(rows) > FEW else []
+    if len(rows) <= FEW:
+        return []
+    first = [{name: row[name] for name in names[:FIRST]} for row in rows[:FEW]]
+    return [*first, {names[0]: f"{len(rows) - FEW} more"}]
 
 
 def grid(sheet: Sheet, *, errors: bool) -> Rows:
@@ -356,26 +341,6 @@ def grid(sheet: Sheet, *, errors: bool) -> Rows:
         known = f" ± {error[i]:.2g}" if errors and np.isfinite(error[i]) else ""
         row[f"{1e3 * speed:.3g} mm/s"] = cell("mu", sheet["mu"][i]) + known
     return list(rows.values())
-
-
-def _grouped(rows: Rows, by: Sequence[str], shown: Sequence[str]) -> Rows:
-    """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
-    good = [row for row in rows if row.get("status", "ok") == "ok"] or rows
-    columns = {name: [row[name] for row in good] for name in good[0]}
-    words = any(isinstance(good[0][name], str) for name in by)
-    series = series_of(*(np.array(columns[of], object if words else float) for of in by))
-    numbers = [c for c in shown if any(isinstance(x, float) for x in columns.get(c, ()))]
-    return [
-        {of: None if x == UNKNOWN else x for of, x in zip(by, key, strict=True)}
-        | {"rows": len(places)}
-        | {c: _range(c, [columns[c][i] for i in places]) for c in numbers[:3]}  # fits a terminal
-        for key, places in (series.items() if words else sorted(series.items()))
-    ]
-
-
-def _range(name: str, values: Sequence[float | None]) -> str:
-    known = [value for value in values if value is not None]
-    return between(*(cell(name, end(known, default=None)) for end in (min, max)))
 
 
 def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:

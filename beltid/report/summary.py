@@ -169,14 +169,10 @@ class Summary:
         }
 
 
-def rows_of(columns: Mapping[str, Any], *names: str) -> Rows:
-    """Return rows of the named columns of a table as plain values; nan becomes None.
-
-    A table may lack a column.
-    """
-    chosen = [name for name in names if name in columns]
-    cells = ([None if v != v else v for v in columns[name].tolist()] for name in chosen)
-    return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
+def rows_of(columns: Mapping[str, Any]) -> Rows:
+    """Return the rows of a table as plain values; nan becomes None."""
+    cells = ([None if v != v else v for v in values.tolist()] for values in columns.values())
+    return [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
 def csv_bytes(columns: Mapping[str, Any], origin: str | None) -> bytes:
@@ -248,13 +244,11 @@ def _table_or_records(shown: Table, room: int) -> Any:
     from rich.table import Table as Grid
     from rich.text import Text
 
-    heads = shown.headings
-    widths = [max(map(len, column)) for column in zip(*shown.rows, strict=True)]
+    heads, cells = shown.headings, zip(shown.headings, *shown.rows, strict=True)
+    # numbers stay whole, headings may wrap
+    widths = [max(map(len, [*head.split(" "), *column])) for head, *column in cells]
     if not shown.numeric[-1]:
         widths[-1] = min(widths[-1], 24)  # words in the last column may wrap
-    whole = sum(map(max, widths, map(len, heads))) + GAP * len(heads) <= room
-    # numbers stay whole, headings may wrap
-    widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]
     if sum(widths) + GAP * len(widths) > room:
         rows = (map("{}: {}".format, heads, row) for row in shown.rows)
         return Text("\n".join("- " + "\n  ".join(map(printable, row)) for row in rows))
@@ -263,7 +257,7 @@ def _table_or_records(shown: Table, room: int) -> Any:
         grid.add_column(
             Text(printable(head)),
             justify="right" if is_number else "left",
-            width=max(width, len(head)) if whole else width,
+            width=width,
             overflow="fold",
         )
     for row in shown.rows:

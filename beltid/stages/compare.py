@@ -18,8 +18,7 @@ import pandas as pd
 
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
-from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, compare_losses
-from beltid.drive.results import ADHESION, FULL_SLIP
+from beltid.drive.results import ADHESION, FULL_SLIP, MOST_OF_ARC, RESOLVED, compare_losses
 from beltid.errors import InputError, counted
 from beltid.identify.agreement import (
     AgreementResult,
@@ -132,7 +131,7 @@ def agreement(
         tables={
             "groups": list(result.groups),
             "judged": list(result.judged),
-            "averaged": rows_of(result.averaged, *result.averaged),
+            "averaged": rows_of(result.averaged),
             "budget": budget,
         },
         validity={"normal_force_N_m": span(result.columns["normal_force_N_m"])},

@@ -57,7 +57,7 @@ def load_law(path: str | Path) -> ContactLaw:
 
 
 def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
-    """Load the averaged friction surface, with its uncertainty ``.mu_u(f, v)`` and ``.band``.
+    """Load the averaged friction surface, with its uncertainty ``.mu_u(f, v)``.
 
     Parameters
     ----------

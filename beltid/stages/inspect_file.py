@@ -176,12 +176,12 @@ def _units(inspection: Inspection, config: Config) -> list[str]:
 
 
 def _runs(inspection: Inspection, config: Config) -> list[str]:
-    """Return the entries about the runs; a commented pattern if settings are missing."""
+    """Return the entries about the runs, with a guess of init."""
     stated = config.runs[inspection.kind]
     entries = [f"    {key}: {value_text(value)}" for key, value in stated.items() if value]
     if inspection.pattern:
-        how = "    {} # guessed from the file names" if inspection.runs else "#     {} # if it fits"
-        entries.append(how.format(f"pattern: {value_text(inspection.pattern)} "))
+        pattern = value_text(inspection.pattern)
+        entries.append(f"    pattern: {pattern}  # guessed from the file names")
     return entries
 
 

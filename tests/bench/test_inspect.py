@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.config import load_config
-from beltid.store.artifact import read_artifact
 
 DATA = Path(__file__).parent / "data"
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
@@ -47,29 +46,6 @@ def test_gaps_are_reported(tmp_path):
     (row,) = found["details"]["runs"]
     assert row["gaps_at_s"] == [run["time_s"].iloc[99]]
     assert found["facts"]["runs_with_gaps"] == 1
-
-
-def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
-    folder = tmp_path / "rig"
-    folder.mkdir()
-    for label, run in w.RUNS.items():
-        arc, tension = (run[name][0] for name in w.SETTINGS)
-        name = f"Messung_{label[1:]}_{arc:.0f}Grad_{tension:.0f}N_0p21.lvm"
-        (folder / name).write_text(w.lvm(run))
-    status, found = inspect(folder)
-    assert status == 2
-    lines = str(found["snippet"]).splitlines()
-    (proposed,) = [line for line in lines if line.startswith("#     pattern:")]
-    assert '"Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm"' in proposed
-    kept = [line for line in lines if not line.startswith("#")]
-    config = tmp_path / "belt.yaml"
-    stated = proposed.strip("# ").partition("  #")[0]
-    config.write_text("\n".join([*kept, f"runs: {{rig: {{{stated}}}}}"]))
-    assert inspect(folder, "-c", config)[0] == 0
-    out = tmp_path / "friction.parquet"
-    call = ["fit-friction", str(folder), "-c", str(config), "-o", str(out), "-q"]
-    assert CliRunner().invoke(app, call).exit_code == 0
-    assert read_artifact(out).columns["run"].tolist() == [label[1:] for label in w.RUNS]
 
 
 def text(folder: Path, name: str, header: str, *rows: str) -> Path:

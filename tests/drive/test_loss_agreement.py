@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.drive.agreement import compare_losses
+from beltid.drive.results import compare_losses
 
 TORQUE = np.arange(1.0, 11.0)  # N m
 LOSS, USABLE = 0.01 * TORQUE, TORQUE > 0.0

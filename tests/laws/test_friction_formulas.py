@@ -71,4 +71,4 @@ def test_laws_are_linear_in_their_amplitudes(law):
     assert model.mu(p, f, v) == pytest.approx(expected, rel=1e-14)
     assert p.size == len(model.parameters)
     if model.scale:
-        assert p[model.parameters.index(model.scale)] == 0.01
+        assert p[list(model.parameters).index(model.scale)] == 0.01

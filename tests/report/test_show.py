@@ -103,4 +103,6 @@ def test_errors_name_what_is_allowed(
 def test_verbose_prints_every_row(folder: Path) -> None:
     _, short, _ = shown(folder / "rig_curves.parquet")
     _, whole, _ = shown(folder / "rig_curves.parquet", "-v")
-    assert (short.count("R11"), whole.count("R11")) == (1, 41)  # the row of its range; its samples
+    assert (short.count("R02"), whole.count("R02"), whole.count("R11")) == (16, 41, 41)
+    assert "107 more" in short
+    assert "more" not in whole

@@ -33,7 +33,7 @@ from beltid.laws.capstan import (
     friction_coefficient,
     mean_normal_force,
     pressing_tension,
-    running_sliding_speed,
+    sliding_speed,
     tensions_by_hub_force,
     tensions_by_torque,
 )
@@ -179,7 +179,7 @@ class RigKind:
         if not self.running:
             return columns["pulley_speed_rad_s"]
         belt = np.abs(columns["belt_speed_m_s"])
-        sliding = running_sliding_speed(np.abs(columns["pulley_speed_rad_s"]), R, belt)
+        sliding = sliding_speed(np.abs(columns["pulley_speed_rad_s"]), R) - belt
         return np.where(np.abs(sliding) > LEAST_SLIP * belt, sliding, 0.0) / R
 
 

@@ -171,7 +171,7 @@ def _fitted(
     p, se = parameters(t), width * np.sqrt(np.diag(posterior.covariance))
     se[~(se <= DETERMINED * width)] = np.inf
     se[at] *= p[at]
-    found = zip(law.units.items(), p.tolist(), se.tolist(), strict=True)
+    found = zip(law.parameters.items(), p.tolist(), se.tolist(), strict=True)
     misfit = law.mu(p, f / f0, v) / mu - 1.0
     return FrictionLawFit(
         law=law.name,
