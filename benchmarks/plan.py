@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
-from virtual_bench import Design, read
+from virtual_bench import Design, assumed, read
 
 from beltid.identify.friction.run import RigKind
 from beltid.laws.friction_surface import FrictionSurface
@@ -47,7 +47,7 @@ Array = np.ndarray
 
 RUNS = 24
 KEPT = 1.2
-USUAL_CLASS = StandardUncertainties(
+USUAL_CLASS = assumed(
     {
         "tension_gain": 0.002,
         "cell_gain": 0.001,
@@ -65,7 +65,7 @@ USUAL_CLASS = StandardUncertainties(
     }
 )
 """Those of a usual bench, with the compliance of the press known."""
-POOR_CLASS = StandardUncertainties({name: 2.0 * u for name, u in USUAL_CLASS.sizes.items()})
+POOR_CLASS = assumed({name: 2.0 * u for name, (u, _) in USUAL_CLASS.items()})
 
 
 def stribeck(f: Array, v: Array) -> Array:
@@ -137,7 +137,7 @@ BENCHES = {
     ),
     "torque and one cell, poor class, 12 runs": synthetic(
         stribeck,
-        StandardUncertainties({**POOR_CLASS.sizes, "torque_gain": 0.005, "bearing_drag": 0.01}),
+        {**POOR_CLASS, **assumed({"torque_gain": 0.005, "bearing_drag": 0.01})},
         NoiseLaw(friction=0.003, tension=0.3),
         kind=RigKind("torque"),
         settings=SMALL_FACTORIAL,

@@ -62,39 +62,31 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
 
     Subtracting the mean of a run of n samples lowers all correlations by ``tau/n``; this is
     corrected. From the first lag at which the correlation is within two standard errors of zero,
-    it decays at the same rate as before. The runs are evenly spaced samples in time order (n,),
-    not finite where missing. tau is in samples, at least 1 (independent).
+    it is taken to fade exponentially with this tau. The runs are evenly spaced samples in time
+    order (n,), not finite where missing. tau is in samples, at least 1 (independent).
     """
     known = [x for x in (np.ravel(run).astype(float) for run in runs) if np.isfinite(x).any()]
     centred = [(x - np.nanmean(x), ROUNDING * np.nanmax(np.abs(x))) for x in known]
     residuals = [r for r, limit in centred if np.nanmax(np.abs(r)) > limit]
-    longest = max((r.size for r in residuals), default=0)
-    products, pairs = np.zeros(longest), np.zeros(longest)
+    lagged = np.zeros((2, max((r.size for r in residuals), default=0)))
     for r in residuals:
         valid, length = np.isfinite(r), 1 << (2 * r.size).bit_length()
-        # sums of products at every lag, by FFT
+        # sums of products, and numbers of pairs, at every lag, by FFT
         spectra = np.abs(np.fft.rfft([np.where(valid, r, 0.0), valid.astype(float)], length)) ** 2
-        lagged = np.fft.irfft(spectra, length)[:, : r.size]
-        products[: r.size] += lagged[0]
-        pairs[: r.size] += np.round(lagged[1])
-    gap = np.flatnonzero(pairs < 0.5)
-    products, pairs = (x[: gap[0] if gap.size else longest] for x in (products, pairs))
-    if pairs.size < 2:
+        lagged[:, : r.size] += np.fft.irfft(spectra, length)[:, : r.size]
+    n_seen = int(np.argmin(np.append(lagged[1] > 0.5, False)))
+    if n_seen < 2:
         return 1.0
-    rho, n = products / pairs * (pairs[0] / products[0]), pairs[0] / len(residuals)
-    tau = before = 1.0
-    for _ in range(20):
-        corrected = rho + (1.0 - rho) * min(tau / n, 0.5)
-        weak = np.flatnonzero(corrected < 2.0 / np.sqrt(pairs))
-        end = max(int(weak[0]), 1) if weak.size else rho.size
-        share = np.maximum(1.0 - np.arange(1, rho.size) / n, 0.0)
-        tau, before = 1.0 + 2.0 * float(share[: end - 1] @ corrected[1:end]), tau
-        if 1 < end < rho.size:
-            fading = np.exp(-2.0 * np.arange(1, rho.size - end + 1) / (tau - 1.0))
-            tau += 4.0 / np.sqrt(pairs[end - 1]) * float(share[end - 1 :] @ fading)
-        if abs(tau - before) < 1e-6:
-            break
-    return max(tau, 1.0)
+    products, pairs = lagged[:, :n_seen]
+    rho, n = products[1:] / pairs[1:] * (pairs[0] / products[0]), pairs[0] / len(residuals)
+    share = 2.0 * np.maximum(1.0 - np.arange(1, n_seen) / n, 0.0)
+    weak = 2.0 / np.sqrt(pairs[1:])
+    terms = share * [rho, (1.0 - rho) / n]
+    seen, lost = np.cumsum(terms, axis=1) - terms
+    # tau at every lag, by those before it: it is on both sides of the equation
+    tau = 1.0 + np.maximum(seen + lost, 0.0) / np.maximum(1.0 - lost - weak, 0.5)
+    ends = rho + (1.0 - rho) * np.minimum(tau / n, 0.5) < weak
+    return float(tau[np.argmax(np.append(ends[:-1], True))])
 
 
 def settings_of(values: Array, gap: float) -> NDArray[np.intp]:

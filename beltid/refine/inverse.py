@@ -13,6 +13,7 @@ fit. The bending stiffness counts with the error that the runs leave to it.
 import itertools
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
@@ -284,16 +285,12 @@ class Problem:
         initial = runs.misfit(self.log_mu - self.done.log_mu, at, sizes)
         shares = min(1.0, LARGEST_CHANGE / change) * 0.5 ** np.arange(HALVINGS)
         for share, trial in zip(shares.tolist(), at + shares[:, None] * step, strict=True):
-            try:
+            with suppress(NumericsError):  # no sliding state so far away
                 simulated = sweep(self.rig, self.curves, self.curves.B @ trial)
-            except NumericsError:  # no sliding state so far away
-                if share == shares[-1]:
-                    raise
-                continue
-            misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
-            if misfit <= initial - share * 2.0 * DECREASE * gain:
-                self.at, self.done = trial, simulated
-                return share, change, gain
+                misfit = runs.misfit(self.log_mu - simulated.log_mu, trial, sizes)
+                if misfit <= initial - share * 2.0 * DECREASE * gain:
+                    self.at, self.done = trial, simulated
+                    return share, change, gain
         return 0.0, change, gain
 
 

@@ -37,7 +37,6 @@ from beltid.store.artifact import Artifact
 from beltid.tables.schemas import table
 from beltid.tables.units import CONVERSIONS, canonical_unit
 from beltid.uncertainty.measured import friction_uncertainty, stiffness_uncertainty
-from beltid.uncertainty.sources import StandardUncertainties
 
 COEFFICIENTS = (
     *("k_linear_N_m2", "k_linear_se_N_m2", "k_linear_u_N_m2"),
@@ -169,7 +168,7 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig
     derived = any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
-    stated = standard_uncertainties(config) if derived else StandardUncertainties()
+    stated = standard_uncertainties(config) if derived else {}
     columns = reduction_columns(runs)
     combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
     aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]

@@ -23,11 +23,11 @@ from beltid.store.disk import read_bytes
 from beltid.tables import schemas
 from beltid.tables.values import is_missing, outside
 from beltid.uncertainty.measured import PressLaw
-from beltid.uncertainty.sources import StandardUncertainties
+from beltid.uncertainty.sources import ASSUMED, STATED, StandardUncertainties
 
 Columns = Mapping[str, np.ndarray]
 UNIT = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
-"""Unit of a key, which the fields of `StandardUncertainties` do without."""
+"""Unit of a key, which those of `StandardUncertainties` do without."""
 NEAR_DEGC = 5.0  # distance of a temperature from that of a law up to which the law holds [K]
 ROUNDING = 1e-9  # relative
 NEGLIGIBLE = 1e-3  # relative error of a speed that changes mu by a few parts in ten thousand
@@ -250,9 +250,8 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
         values["mass_per_length"] = 0.0
     if config.rig.kind not in ("torque", "torque_hub"):
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
-    return StandardUncertainties(
-        values, frozenset(UNIT.sub("", key) for key in section.model_fields_set)
-    )
+    stated = {UNIT.sub("", key) for key in section.model_fields_set}
+    return {key: (u, STATED if key in stated else ASSUMED) for key, u in values.items()}
 
 
 @contextlib.contextmanager

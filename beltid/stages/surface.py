@@ -57,7 +57,6 @@ from beltid.uncertainty.sources import (
     ORDER,
     SURFACE,
     TEMPERATURE,
-    StandardUncertainties,
     SurfaceUncertainty,
     reduction_sources,
     stated_sources,
@@ -102,7 +101,7 @@ def published(
     uncertainty = published_uncertainty(
         measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force),
         result.average,
-        StandardUncertainties() if direct else standard_uncertainties(config),
+        {} if direct else standard_uncertainties(config),
     )
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     facts, tables, notes = said_of_surface(result.surface, columns, good, ranges, uncertainty)
@@ -401,9 +400,6 @@ def _disagreement(result: Refinement) -> Iterator[str]:
     if scale > MOST_NOISE:
         most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
-    for key, usual in found.runs.unusual_effects(found.posterior).items():
-        shown = f"standard deviation {percent(100 * usual)}"
-        yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
     for name, size in contradictions(found).items():
         yield f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
     for k in np.flatnonzero(found.weight < 0.5):

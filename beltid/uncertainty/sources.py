@@ -9,7 +9,7 @@ relative to it or in its unit. A budget adds all contributions in squares (JCGM 
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -81,16 +81,9 @@ EFFECT_SOURCES = {
 """Key and name of effects that shift the friction in addition to the surface."""
 
 
-@dataclass(frozen=True, slots=True)
-class StandardUncertainties:
-    """Standard uncertainties (k = 1) of the calibrations and settings of the benches."""
-
-    sizes: Mapping[str, float] = field(default_factory=dict)
-    """Size by the key of a kind, as a share or in SI units, >= 0; zero for those left out."""
-    stated: frozenset[str] = frozenset()  # keys that the user stated; the others are assumed
-
-    def __getitem__(self, error: str) -> float:
-        return self.sizes.get(error, 0.0)
+StandardUncertainties = Mapping[str, tuple[float, str]]
+"""Standard uncertainty (k = 1) by the key of a kind, as a share or in SI units, zero for those left
+out; and whether it is stated or assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +155,11 @@ def stated_sources(
     for result in results:
         if result == PRESS:
             sources += [Source("contact law, scatter of the press", LAW, k) for k in (0, 1)]
-        for kind in (kind for kind in KINDS if result in kind.results and u[kind.error] > 0.0):
-            basis = STATED if kind.error in u.stated else ASSUMED
-            shown = u[kind.error], *kind.unit, basis
+        for kind in (kind for kind in KINDS if result in kind.results):
+            size, basis = u.get(kind.error, (0.0, ASSUMED))
             n = kind.places if isinstance(kind.places, int) else counts[kind.places]
-            sources += [Source(kind.name, kind.error, k, *shown) for k in range(n)]
+            like = Source(kind.name, kind.error, 0, size, *kind.unit, basis)
+            sources += [replace(like, place=k) for k in range(n) if size > 0.0]
     return tuple(sources)
 
 

@@ -17,7 +17,7 @@ from beltid.identify.friction.bench_model import (
     fit_bench,
     log_settings,
 )
-from beltid.identify.friction.prepare import Phases, Rest, SlidingRecord, block_starts
+from beltid.identify.friction.prepare import Rest, SlidingRecord, block_starts
 from beltid.mixed import root
 
 # --- noise of block means ---
@@ -63,6 +63,12 @@ def test_blocks_hold_every_sample_once_and_grow(n):
 AT_REST = Rest(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
 
 
+def phases(t, tensions, angle):
+    """Sliding after eleven samples, all of which turn."""
+    parts = {"time_s": t, "tensions": tensions, "angle": angle, "temperature": 22.0 + 0.0 * t}
+    return SimpleNamespace(**parts, first=0, built=9, slide=11)
+
+
 def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight=None):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
@@ -71,7 +77,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
-    phase = Phases(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
+    phase = phases(t, tensions, angle)
     record = SlidingRecord(phase, AT_REST, np.array(rounding_N), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
@@ -147,7 +153,7 @@ def several(n_runs, noise):
         z = level * (1.0 + 0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
         tensions = math.sqrt(6e4) * np.exp(np.outer(z, [0.5, -0.5]))
         tensions += noise * rng.normal(size=tensions.shape)
-        phase = Phases(t, tensions, 20 * x, np.full(411, 22.0), first=0, built=9, slide=11)
+        phase = phases(t, tensions, 20 * x)
         records.append(SlidingRecord(phase, AT_REST, np.zeros(2), None, 0.05))
     return records, level
 

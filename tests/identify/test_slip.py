@@ -230,9 +230,9 @@ def test_range_and_proposal_follow_from_the_sliding_speeds():
     ("speeds", "said"),
     [
         ((0.0815, 0.3137), "covered"),
-        ((0.0817, 0.32), "0.08 to 0.0817 rad/s not covered"),
-        ((0.08, 0.3135), "0.314 to 0.32 rad/s not covered"),
-        ((0.01,), "0.08 to 0.32 rad/s not covered"),
+        ((0.0817, 0.32), "not covered"),
+        ((0.08, 0.3135), "not covered"),
+        ((0.01,), "not covered"),
     ],
 )
 def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, said):

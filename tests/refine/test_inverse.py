@@ -182,8 +182,7 @@ def test_a_step_that_cannot_be_simulated_is_halved(monkeypatch: pytest.MonkeyPat
         return sweep(*of_run)
 
     monkeypatch.setattr("beltid.refine.inverse.sweep", trial)
-    with pytest.raises(NumericsError, match="no sliding state"):
-        fit._descend(runs, posterior)
+    assert fit._descend(runs, posterior)[0] == 0.0
     fails.append(True)
     assert fit._descend(runs, posterior)[0] == 0.5
 

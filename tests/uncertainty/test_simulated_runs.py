@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE
+from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE, assumed
 
 from beltid.identify.friction.run import TWO_CELLS
 from beltid.laws.friction_surface import FrictionSurface
@@ -27,7 +27,7 @@ POINTS = [
 ]
 ARC = np.array([0, 1, 1], dtype=np.intp)
 SHARE, OWN = 0.02, 0.015
-GIVEN = StandardUncertainties({"arc": math.radians(0.2), "tension_gain": 0.002})
+GIVEN = assumed({"arc": math.radians(0.2), "tension_gain": 0.002})
 
 
 def scaled(by: float) -> FrictionSurface:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_bench import GIVEN, LAW
+from virtual_bench import GIVEN, LAW, assumed
 
 from beltid.errors import InputError
 from beltid.identify.friction.run import SPANS, RigKind
@@ -14,10 +14,11 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import (
+    ASSUMED,
     RIG,
+    STATED,
     SURFACE,
     Errors,
-    StandardUncertainties,
     budget,
     stated_sources,
 )
@@ -162,7 +163,7 @@ def test_scatter_of_the_press_has_its_covariance():
 
 
 def test_sources_say_what_was_stated():
-    u = StandardUncertainties({"arc": 0.01, "cell_gain": 0.002}, frozenset({"arc"}))
+    u = {"arc": (0.01, STATED), "cell_gain": (0.002, ASSUMED)}
     first, second, arc = stated_sources(u, (RIG,), 3)
     assert (first.basis, arc.basis, first.place, second.place) == ("assumed", "stated", 0, 1)
     # as a person reads it: 0.2 %, and 0.01 rad in degrees
@@ -172,7 +173,7 @@ def test_sources_say_what_was_stated():
 
 
 def test_a_budget_adds_squares_and_names_the_largest_first():
-    given = StandardUncertainties({"tension_gain": 0.002, "cell_gain": 0.001})
+    given = assumed({"tension_gain": 0.002, "cell_gain": 0.001})
     sources = stated_sources(given, (RIG,), 1)
     changes = np.array([[0.01, 0.03, 0.04], [0.01, 0.03, 0.04]])
     rows = budget("x", sources, changes, {"scatter": np.array([0.02, 0.02])})

@@ -79,7 +79,7 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
     # a gain of both cells moves the forces alone: mu changes by the slope along the force
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
-    expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN["tension_gain"]
+    expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN["tension_gain"][0]
     np.testing.assert_allclose(both, expected, atol=1e-5)
     other = published_grid(measured.corrected(Errors.single(sources[0])))
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)

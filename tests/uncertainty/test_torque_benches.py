@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from virtual_bench import assumed
 
 from beltid.config import load_config
 from beltid.identify.friction.run import RigKind
@@ -17,7 +18,7 @@ BETA = np.radians(ARC_DEG)
 SLACK = np.array([60.0, 60.0, 60.0, 250.0, 250.0, 250.0])
 MU = np.array([0.9, 0.9, 0.6, 0.7, 0.7, 0.5])
 TIGHT = SLACK * np.exp(MU * BETA)
-GIVEN = StandardUncertainties(
+GIVEN = assumed(
     {
         "tension_gain": 0.002,
         "cell_gain": 0.001,
@@ -48,14 +49,14 @@ def drawn(measures: str, span: str, given: StandardUncertainties) -> np.ndarray:
     """Standard deviation of ln mu (n,) where the channels show drawn errors: by their formulas."""
     rng = np.random.default_rng(3)
 
-    def draw(size: float) -> np.ndarray:
-        return size * rng.standard_normal((DRAWS, 1))
+    def draw(error: str) -> np.ndarray:
+        return given.get(error, (0.0,))[0] * rng.standard_normal((DRAWS, 1))
 
-    M = (TIGHT - SLACK) * R * (1.0 + draw(given["torque_gain"])) + draw(given["bearing_drag"])
-    difference = M / (R * (1.0 + draw(given["pulley_radius"])))
-    beta = BETA + draw(given["arc"])
-    gain = 1.0 + draw(given["tension_gain"]) + draw(given["cell_gain"])
-    zero = draw(given["cell_offset"])
+    M = (TIGHT - SLACK) * R * (1.0 + draw("torque_gain")) + draw("bearing_drag")
+    difference = M / (R * (1.0 + draw("pulley_radius")))
+    beta = BETA + draw("arc")
+    gain = 1.0 + draw("tension_gain") + draw("cell_gain")
+    zero = draw("cell_offset")
     if measures == "torque_hub":
         hub = np.sqrt(TIGHT**2 + SLACK**2 - 2.0 * TIGHT * SLACK * np.cos(BETA)) * gain + zero
         # H² = T² + (T + d)² - 2 T (T + d) cos(beta) for the slack tension T
@@ -78,8 +79,7 @@ def drawn(measures: str, span: str, given: StandardUncertainties) -> np.ndarray:
 def test_the_uncertainty_of_a_torque_bench_is_that_of_drawn_errors(measures, span):
     kind = RigKind(measures, torque_with=span)
     # alone and all together; 20,000 draws know a standard deviation to 0.5 %
-    names = list(GIVEN.sizes)
-    alone = [StandardUncertainties({name: GIVEN[name]}) for name in names]
+    alone = [{name: u} for name, u in GIVEN.items()]
     for given in (*alone, GIVEN):
         columns, rows = friction_uncertainty(table(), given, R, kind)
         expected = drawn(measures, span, given)
@@ -89,7 +89,7 @@ def test_the_uncertainty_of_a_torque_bench_is_that_of_drawn_errors(measures, spa
 
 
 def test_each_run_has_the_errors_of_the_span_that_was_measured_with_its_torque():
-    given = StandardUncertainties({"cell_gain": 0.002, "cell_offset": 0.2, "torque_gain": 0.004})
+    given = assumed({"cell_gain": 0.002, "cell_offset": 0.2, "torque_gain": 0.004})
     spans = np.array(["slack", "tight"] * 3, dtype=object)
     # the config says slack, as it does where nobody stated it
     columns, _ = friction_uncertainty(
@@ -114,7 +114,7 @@ BY_MASS = TURNING * (1.0 / SLACK - 1.0 / TIGHT)
     ],
 )
 def test_errors_act_on_what_a_running_belt_shows(error, size, expected, at_rest):
-    given, columns = StandardUncertainties({error: size}), {"momentum_N": np.full(6, TURNING)}
+    given, columns = assumed({error: size}), {"momentum_N": np.full(6, TURNING)}
     kind = RigKind("two_cells", running=True)
     found, _ = friction_uncertainty({**table(), **columns}, given, R, kind)
     np.testing.assert_allclose(found["mu_sliding_u"], expected / BETA, rtol=0.03)
@@ -125,9 +125,9 @@ def test_errors_act_on_what_a_running_belt_shows(error, size, expected, at_rest)
 def test_a_bench_without_a_torque_has_no_error_of_one():
     for kind, has in (("two_cells", False), ("torque", True), ("torque_hub", True)):
         given = standard_uncertainties(load_config({}).with_rig({"kind": kind}))
-        assert (given["torque_gain"] > 0.0) == (given["bearing_drag"] > 0.0) == has
+        assert (given["torque_gain"][0] > 0.0) == (given["bearing_drag"][0] > 0.0) == has
     running = load_config({}).with_rig({"kind": "torque", "running": "yes"})
     of_running = standard_uncertainties(running)
-    assert of_running["torque_gain"] > 0.0
-    assert of_running["mass_per_length"] > 0.0
-    assert standard_uncertainties(load_config({}))["mass_per_length"] == 0.0
+    assert of_running["torque_gain"][0] > 0.0
+    assert of_running["mass_per_length"][0] > 0.0
+    assert standard_uncertainties(load_config({}))["mass_per_length"][0] == 0.0

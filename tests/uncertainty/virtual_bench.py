@@ -6,7 +6,8 @@ noise drawn for each run.
 """
 
 import math
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,11 +23,18 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.simulated import Campaign, simulated_runs
-from beltid.uncertainty.sources import SURFACE, StandardUncertainties, stated_sources
+from beltid.uncertainty.sources import ASSUMED, SURFACE, StandardUncertainties, stated_sources
 
 BELT, RIG, LAW = Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), NormalLaw(6.5e7, 3.0256e11)
 FINER = 1.5
-GIVEN = StandardUncertainties(
+
+
+def assumed(sizes: Mapping[str, float]) -> StandardUncertainties:
+    """Standard uncertainties that nobody stated."""
+    return {error: (size, ASSUMED) for error, size in sizes.items()}
+
+
+GIVEN = assumed(
     {
         "tension_gain": 0.002,
         "cell_gain": 0.002,
@@ -44,7 +52,7 @@ GIVEN = StandardUncertainties(
     }
 )
 """Standard uncertainties of the virtual bench."""
-NO_ERRORS = StandardUncertainties()
+NO_ERRORS: StandardUncertainties = {}
 
 
 def true_mu(f: np.ndarray, v: np.ndarray | float) -> np.ndarray:
@@ -67,7 +75,7 @@ class Design:
     )
     """Arcs [deg], initial tensions [N], speeds [rad/s]."""
     noise: float = 0.003
-    given: StandardUncertainties = field(default=GIVEN)
+    given: StandardUncertainties = field(default_factory=lambda: GIVEN)
     mu: Callable[[np.ndarray, np.ndarray], np.ndarray] = true_mu
     arc_effect: float = 0.0  # standard deviation of ln mu of an arc
     belt: Belt = BELT
@@ -99,7 +107,8 @@ SMALL = Design()
 
 def read(design: Design, rng: np.random.Generator) -> Measured:
     """All settings as the bench reads them, with errors drawn for it, without noise."""
-    u, belt, rig, kind = design.given, design.belt, design.rig, design.kind
+    u = defaultdict(float, {error: size for error, (size, _) in design.given.items()})
+    belt, rig, kind = design.belt, design.rig, design.kind
     arcs_deg = design.settings[0]
 
     def draw(size: float) -> float:

@@ -13,7 +13,7 @@ of samples whose length grows with the travel: short where the tail of the peak 
 where only the level remains.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,15 +145,9 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
         with np.errstate(invalid="ignore", divide="ignore"):
             share = tensions[:, 0] / tensions.sum(axis=1)
         held = median(np.sum(sliding_N, axis=1)) * np.column_stack([share, 1.0 - share])
-    built, slide = find_sliding(t, held, int(first), int(full_speed), weight)
     angle, temperature = np.append(0.0, turned)[keep], channels.temperature[keep]
-    phases = Phases(t, held, angle - angle[first], temperature, int(first), built, slide)
+    phases = Phases(t, held, angle, temperature, int(first), int(full_speed), weight)
     run.take_up_m = R * phases.take_up
-    n = t.size - slide
-    reject(
-        n < FEWEST_SLIDING,
-        f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}",
-    )
     sliding = SlidingRecord(phases, rest, rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
@@ -313,69 +307,67 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
     return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Phases:
-    """Usable samples of a run until the pulley stops, and where its phases begin."""
+    """Usable samples of a run until the pulley stops (n,), (n, 2), and where its phases begin.
 
-    time_s: Array  # (n,)
-    tensions: Array  # tight and slack tension, (n, 2)
-    angle: Array  # angle of the pulley since the first sample of the rotation [rad], (n,)
-    temperature: Array  # nan if unknown, (n,)
-    first: int  # first sample of the rotation
-    built: int  # first sample at which nine tenths of the build-up are reached
-    slide: int  # first sample that is certainly after the build-up
-
-    @property
-    def take_up(self) -> float:
-        """Angle of the build-up [rad], by its first two thirds: its end may be slow; or nan."""
-        difference = self.tensions[:, 0] - self.tensions[:, 1]
-        at_rest, settled = median(difference[: self.first]), median(difference[self.slide :])
-        building = difference[self.first : self.built + 1]
-        samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
-        return 1.5 * float(self.angle[self.first + samples]) if samples >= FEWEST_BUILT else np.nan
-
-
-def find_sliding(
-    t: Array, tensions: Array, first: int, full_speed: int, weight: Span | None
-) -> tuple[int, int]:
-    """Return the samples `built` and `slide` of `Phases`.
-
-    Usable samples (n,), (n, 2); the pulley turns from the `first` on. `RunRejected` if the belt
-    never slides, or a cell does not respond.
+    The pulley turns from the sample `first` on, by an `angle` [rad] from there; at `built` nine
+    tenths of the build-up are reached, and `slide` is certainly after it. Its angle `take_up` is
+    nan if unresolved. `RunRejected` if the belt never slides, or a cell does not respond.
     """
-    difference = tensions[:, 0] - tensions[:, 1]
-    n = t.size
-    reject(n - first < 8, f"too short: {n - first} usable samples while the pulley turns")
-    if weight is None:
-        # both ends are fixed: both tensions change
-        rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
-        change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
-        small, large = np.sort(change)
+
+    def __init__(
+        self,
+        t: Array,
+        tensions: Array,
+        angle: Array,
+        temperature: Array,
+        first: int,
+        full_speed: int,
+        weight: Span | None,
+    ) -> None:
+        difference, n = tensions[:, 0] - tensions[:, 1], t.size
+        reject(n - first < 8, f"too short: {n - first} usable samples while the pulley turns")
+        self.time_s, self.tensions, self.temperature = t, tensions, temperature
+        self.first, self.angle = first, angle - angle[first]
+        if weight is None:
+            # both ends are fixed: both tensions change
+            rest, sliding = tensions[:first], tensions[first + (n - first) // 2 :]
+            change = np.abs(np.median(sliding, axis=0) - np.median(rest, axis=0))
+            small, large = np.sort(change)
+            reject(
+                small < LEAST_ANSWER * large and large > 0.2 * np.median(rest),
+                f"tension_{SPANS[int(np.argmin(change))]}_N is dead: it changes by {small:.3g} N "
+                f"while the other cell changes by {large:.3g} N",
+            )
+        # halve the time, not the samples: a simulated recording has most of them in the build-up
+        middle = 0.5 * float(t[first] + t[-1])
+        at_rest, settled = median(difference[:first]), median(difference[t >= middle])
+        least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
         reject(
-            small < LEAST_ANSWER * large and large > 0.2 * np.median(rest),
-            f"tension_{SPANS[int(np.argmin(change))]}_N is dead: it changes by {small:.3g} N while "
-            f"the other cell changes by {large:.3g} N",
+            settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])),
+            f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns",
         )
-    # halve the time, not the samples: a simulated recording has most of them in the build-up
-    middle = 0.5 * float(t[first] + t[-1])
-    at_rest, settled = median(difference[:first]), median(difference[t >= middle])
-    least = 6.0 * difference_sigma(difference) / np.sqrt(0.5 * (n - first))
-    reject(
-        settled - at_rest <= max(least, 0.01 * median(tensions[:first, 1])),
-        f"never slides: the tensions part by {settled - at_rest:.3g} N while the pulley turns",
-    )
-    reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
-    build_up = int(np.argmax(reached))
-    reject(
-        t[first + build_up] > middle,
-        "never slides: the tensions still part at the end of the record",
-    )
-    # a sample at exactly this time counts as before, whatever the rounding of the clock
-    rise_s = (1.5 + 1e-3 / max(build_up, 1)) * (t[first + build_up] - t[first])
-    after = int(np.searchsorted(t, t[first] + rise_s, side="right"))
-    # noise crosses the level too early as often as it drops below it too late
-    built = first + min(int(np.count_nonzero(~reached[: 2 * build_up + 3])), n - first - 1)
-    return built, max(after, first + build_up + 1, full_speed)
+        reached = running_median(difference[first:], 5) - at_rest >= 0.9 * (settled - at_rest)
+        build_up = int(np.argmax(reached))
+        reject(
+            t[first + build_up] > middle,
+            "never slides: the tensions still part at the end of the record",
+        )
+        # a sample at exactly this time counts as before, whatever the rounding of the clock
+        rise_s = (1.5 + 1e-3 / max(build_up, 1)) * (t[first + build_up] - t[first])
+        after = int(np.searchsorted(t, t[first] + rise_s, side="right"))
+        self.slide = slide = max(after, first + build_up + 1, full_speed)
+        reject(
+            n - slide < FEWEST_SLIDING,
+            f"too short: {n - slide} usable samples of sliding, must be >= {FEWEST_SLIDING}",
+        )
+        # noise crosses the level too early as often as it drops below it too late
+        self.built = first + min(int(np.count_nonzero(~reached[: 2 * build_up + 3])), n - first - 1)
+        # by the first two thirds of the build-up: its end may be slow
+        building, settled = difference[first : self.built + 1], median(difference[slide:])
+        samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
+        known = samples >= FEWEST_BUILT
+        self.take_up = 1.5 * float(self.angle[first + samples]) if known else np.nan
 
 
 class Rest:
