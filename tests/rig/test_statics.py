@@ -116,6 +116,8 @@ def test_what_is_meaningless_is_refused() -> None:
         simulate(bench(law=NormalLaw(5e5)), at(), STEADY)
     with pytest.raises(InputError, match="20 %"):
         bench().model(at(T_0=3e4))
+    with pytest.raises(InputError, match="elements = 7, must be even"):
+        SimulationSettings(elements=7)
 
 
 def test_runs_of_a_belt_start_from_each_other_and_end_where_they_would_alone() -> None:
@@ -129,8 +131,3 @@ def test_runs_of_a_belt_start_from_each_other_and_end_where_they_would_alone() -
         assert run.mu == pytest.approx(friction_coefficient(T_A, T_B, point.beta), rel=1e-8)
     failed = runs_of_one_belt(rig, [HOPELESS] * 2, STEADY)
     assert [type(error) for error in failed] == [ConvergenceError] * 2
-
-
-def test_an_odd_number_of_elements_is_refused() -> None:
-    with pytest.raises(InputError, match="elements = 7, must be even"):
-        SimulationSettings(elements=7)
