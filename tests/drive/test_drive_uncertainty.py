@@ -5,19 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import loss_of, simulate
+from drives import BELT_5PK, LAW_5PK, loss_of, simulate, two_pulleys
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.simulator import Simulator, slip_limit
-from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt
+from beltid.laws.friction_surface import HALF_TREND, FrictionSurface
 from beltid.uncertainty.drive import drive_uncertainty, without_bending
 from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source
 
-LAW = NormalLaw(6.5e7, 3.0256e11)
-PRESS = PressLaw(LAW, np.zeros((2, 2)), 1.0e-4, 0.1)
+PRESS = PressLaw(LAW_5PK, np.zeros((2, 2)), 1.0e-4, 0.1)
 SLIPS, STICKS = DrivePoint(62.8, 40.0, (0.0, 22.0)), DrivePoint(62.8, 310.0, (0.0, 8.0))
 
 
@@ -28,9 +25,7 @@ def rising(level: float, slowest: float = 5e-4) -> FrictionSurface:
 
 
 def drive_on(surface: FrictionSurface) -> Drive:
-    pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
-    belt = Belt(1.0e5, 0.02, 0.10)
-    return Drive(belt, LAW, surface, pulleys, installation="slack_force")
+    return two_pulleys(surface=surface, installation="slack_force", slow_trend=HALF_TREND)
 
 
 def uncertain(level: float, u: float) -> FrictionSurface:
@@ -121,7 +116,7 @@ def test_the_uncertainty_of_a_string_covers_that_it_does_not_bend() -> None:
     over_u = []
     for R, EI, T_0, torque in BENT:
         pulleys = (Pulley("driver", 0.0, 0.0, R), Pulley("driven", 2.0 * R + 0.2, 0.0, R))
-        drive = Drive(Belt(1.0e5, EI, 0.10), LAW, rising(0.9), pulleys)
+        drive = Drive(BELT_5PK._replace(EI=EI), LAW_5PK, rising(0.9), pulleys)
         point = [DrivePoint(40.0, T_0, (0.0, torque))]
         (string,), (rod,) = (simulate(drive, point, method) for method in ("string", "rod"))
         u = without_bending([string])[0]

@@ -14,7 +14,7 @@ from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.rig.flow import FlowPulley, FlowState, flow
 
-HALF = FrictionSurface.constant(0.5)
+HALF, TRUE = FrictionSurface.constant(0.5), true_surface("5pk")
 
 
 def dissipated(rod: FlowState, R: float) -> float:
@@ -27,29 +27,31 @@ def pulley_of(R: float, surface: FrictionSurface = HALF) -> FlowPulley:
 
 
 @pytest.mark.parametrize(
-    ("R", "v0", "P_in", "P_out", "W", "torque"),
+    ("mu", "R", "v0", "P_in", "P_out", "W", "torque"),
     [
         # boundary-value problem of second order, friction smoothed over 3e-7 to 3e-6 of the speed;
         # forces as floats: the kernels would be compiled again for integers
-        (0.05, 1.1, 400.0, 200.0, 20.118338, 9.98653),
-        (0.05, 1.1, 200.0, 400.0, 20.066338, -9.98547),
-        (0.05, 1.1, 300.0, 300.0, 20.092933, 0.0008),
-        (0.05, 30.0, 400.0, 200.0, 20.136465, 9.98652),
-        (0.0275, 1.1, 400.0, 200.0, 36.716497, 5.47941),
-        (0.0275, 1.1, 200.0, 400.0, 36.575698, -5.47512),
-        (0.02, 1.1, 400.0, 200.0, 50.698550, 3.97497),
-        (0.02, 1.1, 200.0, 400.0, 50.431757, -3.96711),
+        (HALF, 0.05, 1.1, 400.0, 200.0, 20.118338, 9.98653),
+        (HALF, 0.05, 1.1, 200.0, 400.0, 20.066338, -9.98547),
+        (HALF, 0.05, 1.1, 300.0, 300.0, 20.092933, 0.0008),
+        (HALF, 0.05, 30.0, 400.0, 200.0, 20.136465, 9.98652),
+        (HALF, 0.0275, 1.1, 400.0, 200.0, 36.716497, 5.47941),
+        (HALF, 0.0275, 1.1, 200.0, 400.0, 36.575698, -5.47512),
+        (HALF, 0.02, 1.1, 400.0, 200.0, 50.698550, 3.97497),
+        (HALF, 0.02, 1.1, 200.0, 400.0, 50.431757, -3.96711),
+        (TRUE, 0.05, 1.1, 400.0, 200.0, 20.116602, 9.98639),
+        (TRUE, 0.05, 1.1, 200.0, 400.0, 20.065115, -9.98534),
     ],
 )
 def test_speed_and_torque_of_an_independent_rod(
-    R: float, v0: float, P_in: float, P_out: float, W: float, torque: float
+    mu: FrictionSurface, R: float, v0: float, P_in: float, P_out: float, W: float, torque: float
 ) -> None:
     """T6, and a pulley of 20 mm; the strings' speeds of these rows are 8e-5 to 9e-4 away.
 
     On 20 mm the contact points on the few degrees where the ribs seat scatter: -7e-6 to 2.3e-5 for
     168 to 504 elements.
     """
-    state = flow(pulley_of(R), v0, P_in, T_out=P_out)
+    state = flow(pulley_of(R, mu), v0, P_in, T_out=P_out)
     np.testing.assert_allclose(state.W, W, rtol=5e-6 if R > 0.02 else 3e-5)
     assert state.torque == pytest.approx(torque, abs=4e-4)
     assert pytest.approx((P_in, P_out), rel=1e-8) == (state.s.T_A, state.s.T_B)
@@ -68,22 +70,11 @@ def test_a_start_that_does_not_help_leaves_no_trace() -> None:
     assert pytest.approx(flow(pulley, 6.75, 765.7, 765.9).W, rel=1e-7) == state.W
 
 
-@pytest.mark.parametrize(
-    ("P_in", "P_out", "W", "torque"),
-    [(400.0, 200.0, 20.116602, 9.98639), (200.0, 400.0, 20.065115, -9.98534)],
-)
-def test_friction_that_depends_on_force_and_speed(
-    P_in: float, P_out: float, W: float, torque: float
-) -> None:
-    state = flow(pulley_of(0.05, true_surface("5pk")), 1.1, P_in, T_out=P_out)
-    np.testing.assert_allclose(state.W, W, rtol=5e-6)
-    assert state.torque == pytest.approx(torque, abs=4e-4)
-
-
 @pytest.mark.parametrize(("R", "P_out"), [(0.05, 85.36), (0.0275, 91.13)])
 def test_full_slip_leaves_the_force_of_an_independent_rod(R: float, P_out: float) -> None:
     state = flow(pulley_of(R), 1.1, 400.0, omega=1.01 / R * 1.1)
     assert pytest.approx(P_out, abs=0.01) == state.s.T_B
+    assert pytest.approx(1.01 / R) == state.W
     with pytest.raises(ConvergenceError, match="no steady running"):
         flow(pulley_of(R), 1.1, 400.0, T_out=60.0)
 
@@ -139,17 +130,13 @@ def check_power(result: DriveResult) -> None:
 
 @pytest.mark.parametrize("slack", [5.0, 12.0, 30.0])
 def test_small_slack_forces(slack: float) -> None:
-    """A loop that is closed gives the slack force that it was closed with; power balances."""
+    """The belt runs, and the power balances."""
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.6, 0.0, 0.05))
     friction = FrictionSurface.constant(2.0)
     drive = two_pulleys(pulleys=pulleys, surface=friction, installation="slack_force")
     (given,) = simulate(drive, [DrivePoint(60.0, slack, (0.0, 9.0))], "rod")
     assert given.status[0] in ("adhesion", "full slip")
     check_power(given)
-    # the same belt on fixed centres: its length at rest is that of this state
-    level = Simulator(two_pulleys(pulleys=pulleys, surface=friction), "rod")
-    T_0 = [level.solve(DrivePoint(60.0, T, (0.0, 9.0))).state.P[0] for T in (95.0, 110.0)]
-    assert T_0[0] < T_0[1]
 
 
 def test_reversed_running_is_the_mirror_image() -> None:

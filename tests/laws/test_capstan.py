@@ -56,18 +56,13 @@ def test_mean_force_of_nearly_equal_tensions_keeps_all_digits(x: float) -> None:
     assert capstan.mean_normal_force(tight, 270.0, R) == pytest.approx(series, rel=1e-14)
 
 
-def resultant(tight: float, slack: float, beta: float) -> float:
-    """Length of the sum of both span forces as vectors: the spans part by the angle beta."""
-    pull = [tight * math.cos(beta) - slack, tight * math.sin(beta)]
-    return math.hypot(*pull)
-
-
 @given(st.floats(0.1, 6.2), st.floats(1, 1e3), st.floats(1, 1e3))
 def test_torque_and_hub_force_give_the_tensions_that_made_them(
     beta: float, tight: float, slack: float
 ) -> None:
-    M, H = (tight - slack) * R, resultant(tight, slack, beta)
-    found = capstan.tensions_by_hub_force(M, H, beta, R)
+    # as vectors: the spans part by the angle beta
+    H = math.hypot(tight * math.cos(beta) - slack, tight * math.sin(beta))
+    found = capstan.tensions_by_hub_force((tight - slack) * R, H, beta, R)
     # H says less of the sum, the nearer the arc is to a whole turn or to nothing
     rounding = 1e-12 * (tight + slack) / math.sin(beta / 2) ** 2
     assert found[0] == pytest.approx(tight, rel=1e-12, abs=rounding)

@@ -33,7 +33,7 @@ def disturbed(rate: float, seed: int = 0) -> tuple[RigModel, Motion, State]:
     return model, Motion(rate, OMEGA, 0.9, 0.0, 0.0), s
 
 
-@pytest.mark.parametrize(("rate", "v0"), [(0.0, 0.0), (300.0, 0.0), (0.0, 1.1)])
+@pytest.mark.parametrize(("rate", "v0"), [(0.0, 0.0), (300.0, 0.0), (0.0, 30.0)])
 def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> None:
     """Central differences in random directions: at rest, in a step, of a flowing belt."""
     model, motion, s = disturbed(rate)
