@@ -271,7 +271,13 @@ def _parsed(text: str, name: str) -> Source:
     except MarkedYAMLError as error:
         if mark := error.problem_mark or error.context_mark:
             place = "{}:{}:{}".format(name, *_place(mark))
-        reason = str(error.problem).partition(" with value")[0]  # of a duplicate key
+        found = str(error.problem).partition(" with value")[0]  # of a duplicate key
+        plainly = {
+            "'\\t'": "a tab, indent with blanks",
+            "mapping values are not": "an unexpected ':' (is the line above indented alike, is a "
+            "text in quotes?)",
+        }
+        reason = next((text for words, text in plainly.items() if words in found), found)
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         reason = str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")

@@ -43,7 +43,7 @@ WRONG = [
     ("belt: !!python/object/apply:os.system [ls]\n", ("1:7", "os.system")),
     ("belt: &a {ribs: *a}\n", ("1:7", "belt.ribs", "whole number")),
     ("a: 1\n---\nb: 2\n", ("2:1", "another document")),
-    ("belt: ribs: 5\n", ("1:11", "mapping values")),
+    ("belt: ribs: 5\n", ("1:11", "':'")),
     ("belt: {ribs: 5\n", ("2:1", "not valid YAML")),
     ("belt: {ribs: '5'}\n", ("1:14", 'belt.ribs = "5"', "whole number in [1, 100]")),
     ("belt: {axial_stiffness_N: " + "9" * 400 + "}\n", ("1:27", "[100, 1e+08] N")),

@@ -510,7 +510,7 @@ WRONG = [
     ("columns: {rig: {tension_tight: F1}}\n", "1:17 columns.rig.tension_tight tension_tight_N"),
     ("runs: {rig: {pattern: 5}}\n", "1:23 runs.rig.pattern {run}"),
     ("dialect: {separator: ab}\n", "1:22 dialect.separator ab"),
-    ("belt:\n\tribs: 5\n", r"2:1 \t"),
+    ("belt:\n\tribs: 5\n", "2:1 tab"),
     ("- belt\n", "1:1 list"),
     ("", "empty"),
     ("data: {rig: nothing.csv}\n", "1:13 data.rig nothing.csv"),
