@@ -1,7 +1,7 @@
 """Agreement of measured and simulated friction coefficients (paper, section 4, Figs. 16 and 17).
 
 Both sides come from the same reduction. Runs are matched by their settings, compared per arc and
-averaged over arcs. Only runs that a fitted surface has not seen test
+averaged over arcs, and grouped by normal force. Only runs that a fitted surface has not seen test
 it (:func:`folds`): all runs of one contact arc, or of one speed but the outermost, are left out.
 """
 
@@ -28,6 +28,7 @@ FIGURES = {
     "max_mean_relative_error": "mean_magnitude",
     "max_relative_error": "largest",
 }
+THIRDS = ("low", "middle", "high")
 NUMBERS = (
     "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
 )  # fmt: skip
@@ -60,7 +61,7 @@ class AgreementResult:
     columns: Columns  # label, settings and force of the measured run, both coefficients, (n,)
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     groups: tuple[dict[str, Any], ...]
-    """All points, each arc (Fig. 16) and the means over arcs (Fig. 17)."""
+    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each third of the force."""
     judged: tuple[dict[str, Any], ...]
     """For each active tolerance, see :func:`compare_points`, what was found, and if it holds."""
     n_usable: int  # usable measured runs
@@ -142,10 +143,12 @@ def compare_points(
     columns = settings | _differences(real["mu_sliding"], virtual)
     force, relative = real["normal_force_N_m"], columns["relative_difference"]
     columns["within_tolerance"] = np.abs(relative) <= tolerances.get("max_relative_error", np.inf)
+    parts = np.array_split(np.argsort(force, kind="stable"), len(THIRDS))
     arcs = settings_of(real["arc_deg"], SAME_SETTING["arc_deg"])
     averaged = _averages_over_arcs(real, virtual, arcs)
     of_arcs = [arcs == a for a in range(arcs.max() + 1)]
     named = [(f"arc {real['arc_deg'][mask].mean():g}°", mask) for mask in of_arcs]
+    thirds = [(f"{word} third of the force", g) for word, g in zip(THIRDS, parts, strict=True)]
     means = (averaged[name] for name in ("relative_difference", "normal_force_N_m"))
     overall = statistics("all points", relative, force)
     n_usable = int(np.sum(tables[0]["reason"] == ""))
@@ -158,6 +161,7 @@ def compare_points(
             overall,
             *(statistics(name, relative[g], force[g]) for name, g in named),
             statistics("means over arcs", *means),
+            *(statistics(name, relative[g], force[g]) for name, g in thirds),
         ),
         judged=tuple(_judged(name, found[name], of) for name, of in tolerances.items()),
         n_usable=n_usable,

@@ -60,8 +60,9 @@ def test_statistics_of_hand_made_differences() -> None:
     simulated["mu_sliding"] = measured["mu_sliding"] * (1 + relative)
     result = compare_points(measured, simulated)
     groups = {row["group"]: row for row in result.groups}
-    arcs = "40°", "68°", "82°"
-    assert list(groups) == ["all points", *(f"arc {a}" for a in arcs), "means over arcs"]
+    arcs, words = ("40°", "68°", "82°"), ("low", "middle", "high")
+    thirds = [f"{word} third of the force" for word in words]
+    assert list(groups) == ["all points", *(f"arc {a}" for a in arcs), "means over arcs", *thirds]
     overall = groups["all points"]
     assert overall["n_points"] == 36
     assert overall["rms_percent"] == pytest.approx(13 / 6)  # sqrt(9 + 16 + 144) = 13
@@ -70,6 +71,11 @@ def test_statistics_of_hand_made_differences() -> None:
     assert overall["largest_percent"] == pytest.approx(12.0)
     assert groups["arc 40°"]["rms_percent"] == pytest.approx(13 / np.sqrt(12))
     assert groups["arc 68°"]["largest_percent"] == pytest.approx(0.0, abs=1e-13)
+    low, middle, high = (groups[third] for third in thirds)
+    assert [third["n_points"] for third in (low, middle, high)] == [12, 12, 12]
+    assert low["largest_percent"] == pytest.approx(12.0)
+    assert low["force_high_N_m"] <= middle["force_low_N_m"]
+    assert middle["force_high_N_m"] <= high["force_low_N_m"]
 
 
 def test_mean_over_arcs_is_taken_before_the_difference() -> None:
