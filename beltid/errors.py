@@ -109,13 +109,10 @@ class Problems:
     """Collector of the problems of one file, reported together in line order."""
 
     found: list[tuple[int, str]] = field(default_factory=list)  # line (0: whole file), text
-    count: int = 0  # with those not stored
 
     def add(self, text: str, line: int = 0) -> None:
-        """Add a problem; beyond a few hundred, only count it."""
-        self.count += 1
-        if len(self.found) < 20 * SHOWN:
-            self.found.append((line, text))
+        """Add a problem."""
+        self.found.append((line, text))
 
     def add_alike(
         self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
@@ -128,8 +125,8 @@ class Problems:
 
     def raise_if_any(self) -> None:
         """Raise an InputError that lists the first problems and counts the rest."""
-        if not self.count:
+        if not self.found:
             return
-        shown = [text for _, text in sorted(self.found, key=lambda item: item[0])[:SHOWN]]
-        more = self.count - len(shown)
-        raise InputError([*shown, f"and {more} more"] if more else shown)
+        lines = [text for _, text in sorted(self.found, key=lambda item: item[0])]
+        more = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
+        raise InputError([*lines[:SHOWN], *more])

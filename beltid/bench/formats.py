@@ -232,7 +232,7 @@ def read_lvm(path: Path, place: str, dialect: DialectSection) -> Iterator[Raw]:
         if parts and len(new) == 1 and (whole := _continued(*parts[-1], *new[0])):
             parts, new = parts[:-1], [whole]
         parts += new
-        if problems.count > SHOWN:
+        if len(problems.found) > SHOWN:
             break
     problems.raise_if_any()
     if not parts:

@@ -81,7 +81,7 @@ class Part:
 
 def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) -> Part | None:
     """Read our columns from the tables of one recording, and empty them; None if it fails."""
-    problems, wrong, clock = needs.problems, needs.problems.count, Clock(needs.problems)
+    problems, wrong, clock = needs.problems, len(needs.problems.found), Clock(needs.problems)
     times = _times(raws, needs, clock) if len(raws) > 1 else {}
     own = {(id(time.channel.raw), time.channel.key) for time, _ in times.values()}
     named, raws = channels_of(raws), [raw for raw in raws if id(raw) in times] or raws[:1]
@@ -92,7 +92,10 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
-    is_mapped, fields = problems.count == wrong, [entry for raw in raws for entry in raw.fields]
+    is_mapped, fields = (
+        len(problems.found) == wrong,
+        [entry for raw in raws for entry in raw.fields],
+    )
     stated = _stated(raw.place, names, found, fields, needs, notes)
     unclear = () if is_mapped else meant(channels, needs)
     refuse_missing(channels, found, needs, raw.head, {*stated, *unclear})

@@ -8,7 +8,7 @@ Runs left out are simulated at their measured tension and speed, in the sliding 
 surface of the others, whose uncertainty becomes that of the prediction, as in `simulate-rig`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from beltid.bench.raw import frame_of
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.drive.results import ADHESION, FULL_SLIP, MOST_OF_ARC, RESOLVED, compare_losses
@@ -82,15 +83,12 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     is_result = isinstance(simulated, (Outcome, Artifact))
     if is_result and simulated.kind != "simulated":
         return friction_columns(simulated, COMPARED, "simulated")
-    frame = simulated.columns if is_result else simulated
-    named = getattr(frame, "column_names", getattr(frame, "columns", frame))
-    names = {str(name) for name in named} if isinstance(named, Iterable) else set()
-    if "time_s" in names:
+    frame = frame_of(simulated.columns if is_result else simulated, "simulated").frame
+    if "time_s" in frame:
         simulated = replace(recording_in(frame, "rig"), is_artifact=True)  # from perfect cells
         return reduction_columns(reduce_rig(simulated, config))
-    if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
-        frame = {name: np.asarray(frame[name]) for name in names}
-        frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
+    if "mu" in frame and "mu_sliding" not in frame:  # the table of a simulated campaign
+        frame = frame.assign(mu_sliding=frame["mu"], nominal_tension_N=frame["initial_tension_N"])
     return friction_columns(frame, COMPARED, "simulated")
 
 

@@ -1,6 +1,5 @@
 """beltid export: write the contact law of a belt as a law file and for multibody codes."""
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -197,8 +196,7 @@ def _belt(folder: Path, surface: Artifact, config: Path | None) -> dict[str, Any
     """Return the belt that a surface was made for, or that of the named config."""
     if config is not None:
         return find_config(None, config).config.belt.model_dump()
-    name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
-    return surface.record.settings.get("belt") or {"name": name[:40] or "belt"}
+    return surface.record.settings.get("belt") or {"name": folder.resolve().name}
 
 
 def _sticking(friction: Columns) -> dict[str, float]:

@@ -112,13 +112,12 @@ def surface_from(surface: Any) -> FrictionSurface:
         return _averaged_surface(surface)
     if isinstance(surface, FrictionSurface):
         return surface
-    if not is_number(surface):
+    is_number = isinstance(surface, (int, float, np.number)) and not isinstance(surface, bool)
+    if not is_number or not 0.0 < surface < math.inf:
         raise InputError(
-            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
-            "the result of build_surface or refine_surface, or a number (constant mu)"
+            f"surface = {surface if is_number else shown(surface)}, must be a FrictionSurface such "
+            "as load_surface(PATH), the result of build_surface or refine_surface, or a number > 0"
         )
-    if not 0.0 < surface < math.inf:
-        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
     return FrictionSurface.constant(float(surface))
 
 
@@ -307,12 +306,5 @@ def listed(words: Sequence[str], most: int = 8) -> str:
 
 
 def shown(value: Any) -> str:
-    """Describe a wrong argument for a message: None, or its type."""
-    if isinstance(value, Outcome):
-        return f"result of kind {value.kind}"
-    return "None" if value is None else type(value).__name__
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a single real number; booleans are not."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    """Describe a wrong argument for a message: its type, of a result its kind."""
+    return f"result of kind {value.kind}" if isinstance(value, Outcome) else type(value).__name__
