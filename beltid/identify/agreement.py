@@ -79,11 +79,6 @@ class AgreementResult:
         return dict(Counter(reasons).most_common())
 
     @property
-    def share_compared(self) -> float:
-        """Share of the usable measured runs with a simulated partner [-]."""
-        return len(self.columns["run"]) / self.n_usable
-
-    @property
     def passed(self) -> bool:
         """True if all active tolerances hold."""
         return all(row["holds"] for row in self.judged)

@@ -341,31 +341,18 @@ def schedule(
 ) -> list[ScheduledRun]:
     """Put chosen runs, listed once per repetition, in order, with ascending arcs.
 
-    `settings` holds arc, initial tension and speed of every candidate; the arc of the first run is
-    already set.
+    On each arc the tension rises through every other setting and falls through the rest, then
+    repetitions follow in the same order. `settings` holds arc, initial tension and speed of every
+    candidate; the arc of the first run is already set.
     """
     ordered: list[ScheduledRun] = []
     clock, repeats = 0.0, Counter(chosen)
     for arc in sorted({settings[i][0] for i in chosen}):
         clock += minutes_per_arc_change if ordered else 0.0
         on_arc = sorted((i for i in repeats if settings[i][0] == arc), key=settings.__getitem__)
-        seen = Counter[int]()
-        for i in _spread({i: repeats[i] for i in on_arc}):
-            seen[i] += 1
-            ordered.append(ScheduledRun(i, seen[i], repeats[i], clock))
-            clock += minutes_per_run
+        there_and_back = on_arc[::2] + on_arc[1::2][::-1]
+        for turn in range(max(repeats[i] for i in on_arc)):
+            for i in (i for i in there_and_back if repeats[i] > turn):
+                ordered.append(ScheduledRun(i, turn + 1, repeats[i], clock))
+                clock += minutes_per_run
     return ordered
-
-
-def _spread(counts: dict[int, int]) -> list[int]:
-    """Order the runs of one arc, given the number of runs per setting in ascending order."""
-    places = list(range(sum(counts.values())))
-    last = places[-1]
-    at: dict[int, int] = {}
-    for i, count in sorted(counts.items(), key=lambda item: -item[1]):
-        for k in range(count if count > 1 else 0):
-            wanted = last * k / (count - 1)
-            at[places.pop(min(range(len(places)), key=lambda p: abs(places[p] - wanted)))] = i
-    single = [i for i, count in counts.items() if count == 1]
-    at.update(zip(places, single[::2] + single[1::2][::-1], strict=True))
-    return [at[place] for place in sorted(at)]

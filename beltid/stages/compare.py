@@ -108,7 +108,7 @@ def agreement(
     warnings = [
         f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
     ]
-    if result.share_compared < ENOUGH:
+    if n < ENOUGH * result.n_usable:
         warnings.insert(
             0,
             f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "

@@ -358,4 +358,3 @@ def test_precise_repetitions_count_more_than_rough_ones() -> None:
     assert grid.normal_force_N_m == pytest.approx([1000.0, 2000.0])
     assert grid.mu[:, 0] == pytest.approx([1.06, 0.9])  # weights 4 : 1
     assert grid.mu_se[:, 0] == pytest.approx([0.02 / np.sqrt(5), 0.01])
-    assert any("1 runs repeat the force of another" in note for note in result.notes)

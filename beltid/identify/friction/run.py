@@ -125,14 +125,12 @@ class RigKind:
             both = (self.torque_with, OTHER[self.torque_with])
             spans = [span for span in both if _has_values(columns, f"tension_{span}_N")]
             weighs = not spans and _has_values(columns, "weight_N")
-            if not (spans or weighs):
-                raise InputError("column tension_tight_N, tension_slack_N or weight_N is missing")
             if weighs and not self.weight_stated:
                 raise InputError(
                     "a weight beside a torque: state the span that carries it, "
                     "rig.holds: weight_tight or rig.holds: weight_slack"
                 )
-            beside = self.weight_on if weighs else spans[0]
+            beside = self.weight_on if weighs else (spans or both)[0]
             found = replace(self, torque_with=beside, weighs=weighs)
         if missing := found.lacks(columns):
             raise InputError(missing)

@@ -43,7 +43,6 @@ MAX_SPEED_SPREAD = 1.25  # largest ratio of highest to lowest speed within one s
 ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all arcs and speeds
 MIN_RANGE = 0.02  # relative; a shorter range of forces does not count
 MIN_NODE_GAP = 0.3  # of the usual gap; noise at closer force nodes causes steep slopes
-WORTH_A_NOTE = 5e-3  # relative; smaller changes are comparable to the speed error of motors
 SPEED_STEP = 0.18  # spacing of the speeds [ln v]
 FEWEST_RUNS = 4  # of a bilinear surface
 SPLINES = 7  # along each of ln f and ln v
@@ -109,11 +108,8 @@ Rows = Sequence[Sequence[Curve]]  # at each speed, ascending, the curves in the 
 Range = tuple[float, float]  # first and last force that some arc covers at every speed [N/m]
 
 
-def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
-    """Group points into curves at the common speed of their setting, their range, and notes.
-
-    None if they are no grid.
-    """
+def grid_of(points: Points) -> tuple[Rows, Range] | None:
+    """Group points into curves at the common speed of their setting; None if they are no grid."""
     at_speed, at_arc = settings_of(points.v, SPEED_GAP), points.arc_label
     groups = [points.v[at_speed == k] for k in range(at_speed.max() + 1)]
     runs, speeds = np.zeros((len(groups), at_arc.max() + 1), int), np.array([*map(np.mean, groups)])
@@ -121,19 +117,14 @@ def grid_of(points: Points) -> tuple[Rows, Range, list[str]] | None:
     if np.any(runs == 0) or any(v.max() > MAX_SPEED_SPREAD * v.min() for v in groups):
         return None
     corrected = _at_common_speed(points, at_speed, speeds, at_arc)
-    rows, notes = [list[Curve]() for _ in speeds], list[str]()
+    rows = [list[Curve]() for _ in speeds]
     for k, a in np.ndindex(runs.shape):
         here = (at_arc == a) & (at_speed == k)
         band, arc, speed = points.mu[here], float(points.arc_deg[here].mean()), float(speeds[k])
         f, mu, se = _without_repetitions(points.f[here], corrected.mu[here], corrected.se[here])
         rows[k].append(Curve(arc, speed, f, mu, se, (band.min(), band.max())))
-        if repeated := runs[k, a] - f.size:
-            notes.append(
-                f"arc {arc:g}°, {speed:.4g} m/s: {repeated} runs repeat the force of another "
-                "and were averaged with it"
-            )
     force = _common_range(rows)
-    return None if force is None else (rows, force, notes)
+    return None if force is None else (rows, force)
 
 
 def _common_range(rows: Rows) -> Range | None:
@@ -199,8 +190,8 @@ class SurfaceGrid:
 def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, list[str]]:
     """Build the surface through the mean of all arcs of a grid, or through its only arc.
 
-    The notes name arcs that never overlap, and limited nodes. `errors_known` says whether the
-    standard errors of the points are.
+    A note says that arcs never overlap. `errors_known` says whether the standard errors of the
+    points are.
     """
     nodes, notes = _force_nodes(rows, force), list[str]()
     if nodes.size == 1:  # one tension
@@ -215,15 +206,9 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     )
     if np.isnan(filled).any():
         notes.append("some arcs share no force with the others: the average may have a step there")
-    unlimited = np.nanmean(filled, axis=0)
     bands = np.array([[curve.band for curve in row] for row in rows])
-    mean = np.clip(unlimited, bands[..., 0].min(axis=1), bands[..., 1].max(axis=1))
-    change = np.abs(mean / unlimited - 1.0)
-    if many := np.count_nonzero(change > WORTH_A_NOTE):
-        notes.append(
-            f"{many} of {mean.size} nodes were limited to the values measured at their speed: "
-            f"extrapolated curves of some arcs would put them up to {change.max():.1%} outside"
-        )
+    lowest, highest = bands[..., 0].min(axis=1), bands[..., 1].max(axis=1)
+    mean = np.clip(np.nanmean(filled, axis=0), lowest, highest)
     n_arcs = np.isfinite(mu).sum(axis=0)
     sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
     from_runs = [_run_covariance(row, nodes) for row in rows]
@@ -380,9 +365,8 @@ def surface_through(
     if curves is None:
         grid, note = scattered_grid(points)
         return grid, (), [note]
-    rows, force, repetitions = curves
-    grid, notes = average(rows, force, errors_known)
-    return grid, rows, repetitions + notes
+    grid, notes = average(*curves, errors_known)
+    return grid, curves[0], notes
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
