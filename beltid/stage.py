@@ -334,7 +334,7 @@ class Stage:
                 continue
             items[role] = recording = read_recording(file.path, file.kind, config)
             what = "rows" if recording.kind == "points" else "samples"
-            log.info("%s: %s %s", file.path, recording.n_samples, what)
+            log.info("%s: %s %s", file.path, len(next(iter(recording.columns.values()))), what)
             is_own = file.name == file.kind  # another bench tells nothing of this one
             if is_own or recording.is_artifact:
                 origins.append("synthetic" if recording.is_artifact else config.data.origin)

@@ -250,19 +250,15 @@ def _values(law: ContactLaw, target: str, point: ReferencePoint) -> dict[str, An
 
 
 def _uncertainty(law: ContactLaw) -> str:
-    """State the uncertainty of mu: combined, else of the scatter alone."""
-    part, mu = law.friction, np.array(law.friction.mu)
-    if part.mu_u is not None:
-        relative, label = np.array(part.mu_u) / mu, "Standard uncertainty of mu (k = 1)"
-        sources = {r.source: r.contribution_percent for r in part.budget if r.source != "combined"}
-        note = f" Largest contribution: {max(sources, key=sources.__getitem__)}." if sources else ""
-    elif part.mu_se is not None and any(cell is not None for row in part.mu_se for cell in row):
-        relative, label = np.array(part.mu_se, dtype=float) / mu, "Standard error of mu"
-        note = " Scatter of the runs alone."
-    else:
-        return "Standard uncertainty of mu: unknown."
-    median, worst = (percent(100.0 * of(relative)) for of in (np.nanmedian, np.nanmax))
-    return f"{label}: median {median}, {worst} at worst.{note}"
+    """State the combined uncertainty of mu, and its largest contribution."""
+    part = law.friction
+    if part.mu_u is None:
+        return "Combined standard uncertainty of mu: unknown."
+    sources = {r.source: r.contribution_percent for r in part.budget if r.source != "combined"}
+    note = f" Largest contribution: {max(sources, key=sources.__getitem__)}." if sources else ""
+    relative = 100.0 * np.array(part.mu_u) / np.array(part.mu)
+    median, worst = percent(float(np.median(relative))), percent(float(relative.max()))
+    return f"Standard uncertainty of mu (k = 1): median {median}, {worst} at worst.{note}"
 
 
 def _comment(text: str, sign: str) -> str:

@@ -72,9 +72,7 @@ def tensions_by_torque(
     direction of pull of the tight span.
     """
     difference = np.asarray(M, dtype=float) / R
-    if (T_tight is None) == (T_slack is None):
-        raise TypeError("tensions_by_torque takes one of T_tight and T_slack")
-    if T_tight is not None:
+    if T_slack is None:
         tight = np.asarray(T_tight, dtype=float)
         return tight, tight - difference
     slack = np.asarray(T_slack, dtype=float)

@@ -6,7 +6,7 @@ The template is the page, from top to bottom; this module gives it its verdict, 
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -62,13 +62,14 @@ MOST_SHOWN = 99.5  # percentile of mu at the upper edge of every tile, for spike
 
 def belt_page(results: BeltResults, made_from: str) -> str:
     """Write the page of a belt, made from inputs of this hash; it tells what is missing."""
-    row, names = main_results(results), HEAD.split()
+    row, names, (verdict, state) = main_results(results), HEAD.split(), verdict_of(results)
     return _rendered(
         made_from,
         f"Belt {results.belt}",
         [results],
         results=results,
-        verdict=verdict_of(results),
+        verdict=verdict,
+        state=state,
         main_results=[of for x in names if (of := fact(x, row.get(x)))[1] != MISSING],
         conditions=conditions(results),
         tiles=list(tiles(results)),
@@ -217,15 +218,8 @@ def tiles(results: BeltResults) -> Iterator[dict[str, Any]]:
         }
 
 
-class Verdict(NamedTuple):
-    """Whether the law is proven."""
-
-    headline: str
-    state: str  # "good", "bad" (out of tolerance) or "open"
-
-
-def verdict_of(results: BeltResults) -> Verdict:
-    """Judge the results of a belt."""
+def verdict_of(results: BeltResults) -> tuple[str, str]:
+    """Judge whether the law is proven: a sentence; and "good", "bad" (out of tolerance), "open"."""
     compared, predicted = results.every(*COMPARED), results.prediction
     decisive, said = [*compared[:1], *([predicted] if predicted else [])], list[str]()
     if predicted:
@@ -249,7 +243,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     headline = f"{start}: {'. '.join([said[0], *map(sentence, said[1:])])}."
     if results.failures:
         headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state)
+    return headline, state
 
 
 def _within(sheet: Sheet) -> str:

@@ -174,7 +174,7 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
         facts=facts,
         table=[_row(result) | ({"origin": result.origin} if mixed else {}) for result in results],
         warnings=tuple(f"{result.belt}: {line}" for result in results for line in result.problems),
-        verdict=verdict_of(results[0]).headline if len(results) == 1 else "",
+        verdict=verdict_of(results[0])[0] if len(results) == 1 else "",
         up_to_date=not mark,
         origin=None if mixed else next(iter(origins)),
     )
