@@ -173,9 +173,9 @@ def test_a_given_slack_force_carries_what_euler_says_at_any_speed(
 
 
 def test_a_bent_belt_on_rigid_pulleys_has_the_length_of_an_elastica() -> None:
-    """In a span EI psi'' = P sin psi, of which the ends are sin(psi/2) = sqrt(EI/P)/(2 R).
+    """EI psi'' = P sin psi in a span: where it begins, sin(psi/2) = sqrt(EI/P)/(2 R).
 
-    The belt nears a line that passes the axis at R + EI/(2 P R), and takes it to be straight.
+    Away from the pulleys it nears a straight line, at R + EI/(2 P R) from their axes.
     """
     P, R, bend = 500.0, np.array([0.02, 0.1]), math.sqrt(0.02 / 500.0)
 
