@@ -92,10 +92,8 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     first = next((found[role].channel.raw for role in MASTERS if role in found), raw)
     if times:
         found["time_s"] = times[id(first)][0]
-    is_mapped, fields = (
-        len(problems.found) == wrong,
-        [entry for raw in raws for entry in raw.fields],
-    )
+    is_mapped = len(problems.found) == wrong
+    fields = [entry for raw in raws for entry in raw.fields]
     stated = _stated(raw.place, names, found, fields, needs, notes)
     unclear = () if is_mapped else meant(channels, needs)
     refuse_missing(channels, found, needs, raw.head, {*stated, *unclear})
