@@ -44,6 +44,7 @@ MARK = re.compile(
     r'<meta name="generator" content="beltid">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
 )
+SEAL = "<!-- SHA-256 of all above: {} -->\n"  # last line of a page
 ARTIFACTS = {
     **{kind: kind for kind in ("stiffness", "slip", "friction", "surface")},
     "surface_refined": "surface",
@@ -113,14 +114,18 @@ def links_to(belts: Sequence[OnPage], out: Path) -> list[str]:
 
 
 def mark_to_write(belts: Sequence[OnPage], out: Path, *, force: bool) -> str:
-    """Return the mark of a page of belts; empty if that at `out` is up to date."""
+    """Return the mark of a page of belts; empty if that at `out` is up to date and not edited."""
     check_place(
         out, (".html", ".htm"), lambda page: OURS if mark_of(page) else FOREIGN, force=force
     )
     links = links_to(belts, out) if len(belts) > 1 else []
     record = [__version__, source_sha256(of_page=True), links, [belt.content() for belt in belts]]
     mark = sha256(json.dumps(record).encode())
-    return "" if not force and out.exists() and mark_of(out) == mark else mark
+    if not force and out.exists() and mark_of(out) == mark:
+        text = read_bytes(out, ArtifactError).decode("utf-8", "replace")
+        if text == sealed(text[: -len(SEAL.format(mark))]):
+            return ""
+    return mark
 
 
 def mark_of(page: Path) -> str | None:
@@ -128,6 +133,11 @@ def mark_of(page: Path) -> str | None:
     with opened(page, ArtifactError) as file:
         match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
     return match and match[1]
+
+
+def sealed(text: str) -> str:
+    """Return the text of a page with its last line."""
+    return text + SEAL.format(sha256(text.encode()))
 
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
@@ -159,7 +169,7 @@ def write_page(belts: Sequence[OnPage], out: Path, mark: str) -> Summary:
             problems = [*results[0].problems, *problems]
             results = [replace(results[0], profiles=profiles, problems=tuple(problems))]
             page = belt_page(results[0], mark)
-        write_bytes(out, page.encode())
+        write_bytes(out, sealed(page).encode())
         facts = {
             "figures": page.count("<figure "),
             "figures_missing": page.count('<p class="absent">'),
