@@ -16,6 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from beltid.arrays import Array, Mask
 from beltid.errors import InputError
@@ -217,6 +218,20 @@ class FrictionSurface:
         if self.factor is None:
             raise InputError("the surface has no covariance: it was built without uncertainties")
         return self._bilinear(self.factor, normal_force_N_m, slip_speed_m_s)
+
+    def band(
+        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
+    ) -> tuple[Array, Array]:
+        """Compute the limits of mu [-] that cover the truth with a probability `level` in (0, 1).
+
+        Based on the combined standard uncertainty of ln mu, so that the lower limit is positive.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level = {level!r}, must be in (0, 1)")
+        mu = self.mu(normal_force_N_m, slip_speed_m_s)
+        k = float(ndtri(0.5 + 0.5 * level))
+        width = np.exp(k * self.mu_u(normal_force_N_m, slip_speed_m_s) / mu)
+        return np.asarray(mu / width)[()], np.asarray(mu * width)[()]
 
     def tables(self) -> SurfaceTables:
         """Return the plain float64 arrays for compiled kernels."""

@@ -255,6 +255,14 @@ def test_uncertainty_at_nodes_between_and_beyond() -> None:
         plain.factor_at(1000.0, 0.01)
 
 
+def test_bands_hold_their_level() -> None:
+    low, high = with_covariance().band(2000.0, 0.01)  # mu = 0.9, u(ln mu) = 0.4 %
+    assert (low, high) == pytest.approx(0.9 * np.exp(1.959964 * np.array([-0.004, 0.004])))
+    for level in (1.5, 1.0, 0.0, -0.1):
+        with pytest.raises(InputError, match=f"level = {level}"):
+            with_covariance().band(1000.0, 0.01, level=level)
+
+
 @pytest.mark.parametrize(
     ("factor", "sources"),
     [(np.zeros((2, 2, 1)), ()), (FACTOR[..., :1], ("gain", "zero")), (FACTOR[..., 0], ())],
