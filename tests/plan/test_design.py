@@ -12,7 +12,6 @@ from beltid.plan.design import (
     Target,
     choose_plan,
     choose_runs,
-    needed_for,
     schedule,
     surface_target,
 )
@@ -252,12 +251,6 @@ def test_a_run_that_the_plan_has_to_have_is_named_where_it_gains_nothing():
     gains = dict(plan.gains)
     assert gains.pop(second) == pytest.approx(math.sqrt((1 / 9) / 0.35) - 1.0, rel=1e-6)
     assert min(gains.values()) > 0.0
-
-
-def test_the_only_repetition_is_needed():
-    runs = RunRows(np.eye(3)[[0, 1]], np.zeros((2, 0)), np.ones(2), np.array([0, 1]))
-    assert needed_for(runs, [0, 0, 1], 3) == {0: "repetition", 1: "arc"}
-    assert needed_for(runs, [0, 0, 0, 1, 1], 5) == {}
 
 
 def test_runs_that_make_it_worse_by_what_they_share_are_left_out():

@@ -352,7 +352,8 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(float(model[join] - np.nanmin(z)), limit)
     width = math.hypot(first_on - last_off, float(travel[join] - travel[0]) * limit / rise)
-    timing = float(np.ptp(bench.tail(k, first_on + np.array([0.0, width])))) / math.sqrt(12.0)
+    tail = bench.tail(k, first_on + np.array([0.0, 0.1 * width]))
+    timing = 10.0 * abs(float(tail[0] - tail[1])) / math.sqrt(12.0)
     after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
     largest = int(np.argmax(after))
     times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
