@@ -167,7 +167,10 @@ def simulate_candidates(
     surface, known_arcs = (None, ()) if known is None else (known.surface, known.arcs_deg)
     arc = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs)[0]
     campaign = Campaign(simulated_runs(bench, points, arc, kind), bench, press)
-    speeds = speeds_for(campaign.measured.slip_speed, surface)
+    wanted = campaign.measured.slip_speed
+    existing = np.zeros(0) if surface is None else surface.slip_speed_m_s
+    distance = np.abs(np.log(np.divide.outer(wanted, existing))).min(axis=1, initial=np.inf)
+    speeds = np.union1d(existing, wanted[distance > SAME_SPEED])
     rig = RigRuns(campaign, speeds, MESH)
     force = campaign.measured.T_0 / bench.rig.R
     rough = np.log([0.2 * force.min(), 2.0 * force.max()])
@@ -193,10 +196,3 @@ def knots_for(low: float, high: float, measured: FrictionSurface | None, count: 
     below = np.arange(round((nodes[0] - np.log(low)) / first), 0, -1)
     above = np.arange(1, round((np.log(high) - nodes[-1]) / last) + 1)
     return np.concatenate([nodes[0] - first * below, nodes, nodes[-1] + last * above])
-
-
-def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
-    """Return the speeds [m/s] of a plan: those of a measured surface and the new ones."""
-    existing = np.zeros(0) if measured is None else measured.slip_speed_m_s
-    distance = np.abs(np.log(np.divide.outer(wanted, existing))).min(axis=1, initial=np.inf)
-    return np.union1d(existing, wanted[distance > SAME_SPEED])

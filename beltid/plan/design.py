@@ -341,16 +341,16 @@ def schedule(
 ) -> list[ScheduledRun]:
     """Put chosen runs, listed once per repetition, in order, with ascending arcs.
 
-    On each arc the tension rises through every other setting and falls through the rest, then
-    repetitions follow in the same order. `settings` holds arc, initial tension and speed of every
-    candidate; the arc of the first run is already set.
+    On each arc, repeated settings come first and again after the others, among which the tension
+    rises and falls again. `settings` holds arc, initial tension and speed of every candidate; the
+    arc of the first run is already set.
     """
     ordered: list[ScheduledRun] = []
     clock, repeats = 0.0, Counter(chosen)
     for arc in sorted({settings[i][0] for i in chosen}):
         clock += minutes_per_arc_change if ordered else 0.0
         on_arc = sorted((i for i in repeats if settings[i][0] == arc), key=settings.__getitem__)
-        there_and_back = on_arc[::2] + on_arc[1::2][::-1]
+        there_and_back = sorted(on_arc[::2] + on_arc[1::2][::-1], key=lambda i: -repeats[i])
         for turn in range(max(repeats[i] for i in on_arc)):
             for i in (i for i in there_and_back if repeats[i] > turn):
                 ordered.append(ScheduledRun(i, turn + 1, repeats[i], clock))

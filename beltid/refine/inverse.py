@@ -271,13 +271,10 @@ class Problem:
         return self
 
     def _descend(self, runs: LinearRuns, posterior: Posterior) -> tuple[float, float, float]:
-        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
-
-        Returned are it and, of the whole step, the largest change of ln mu of a run and the
-        decrease of the misfit; knots that carry no load may drift.
-        """
+        """Halve a step until the misfit falls enough: its share, largest change and decrease."""
         at, sizes = self.at, posterior.sizes
         step = posterior.mean[: at.size] - at
+        # of the runs: knots that carry no load may drift
         change = float(np.max(np.abs(runs.X @ step)))
         if change <= TOLERANCE:
             return 0.0, change, 0.0

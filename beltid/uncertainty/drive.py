@@ -89,10 +89,7 @@ def _changes(
     strings: Results,
     by_rod: Sequence[int],
 ) -> tuple[Array, Mask]:
-    """Compute changes (n_points, n_pulleys, K) by strings, or by rods where these can be solved.
-
-    Rods are tried at the points `by_rod`; then, where one of them has no steady state (n_points,).
-    """
+    """Compute changes by strings, or `by_rod` at some points; and where a rod is not steady."""
     changes = np.zeros((len(strings), len(drive.pulleys), len(inputs)))
     fails, near = np.zeros(len(strings), dtype=bool), [results[i] for i in by_rod]
     for k, (other, moved) in enumerate(inputs):

@@ -1,7 +1,6 @@
 """Pieces of the friction model against sums and least squares written out by brute force."""
 
 import math
-from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -170,18 +169,6 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     assert np.all(error < 3e-3)
     columns = found.posterior.level_shift @ root(found.posterior.covariance)
     np.testing.assert_allclose(np.sum(found.shared**2, axis=1), np.sum(columns**2, axis=1))
-
-
-def test_noise_at_rest_is_slow_beyond_three_times_that_of_the_sliding():
-    records, _ = several(3, 0.1)
-    typical_N = Bench(records, log_settings(records)[0]).typical_N
-    rest = copy(AT_REST)
-    times = math.sqrt(records[0].count.sum() / (0.5 * AT_REST.n_samples))
-    rest.imbalance_se_N = 3.1 * typical_N * times
-    for record in records:
-        record.rest = rest
-    slow_N = Bench(records, log_settings(records)[0]).slow_N
-    assert slow_N == pytest.approx(3.1 * typical_N, rel=1e-3)
 
 
 def test_errors_of_the_cells_change_sign_with_the_cells_and_scale_with_the_force():

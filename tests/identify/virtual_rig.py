@@ -31,7 +31,6 @@ REFERENCE_SPEED = 0.21
 SHAPES: dict[str, Callable[[Array], Array]] = {
     "exponential": lambda x: np.exp(-x),
     "two exponentials": lambda x: 0.6 * np.exp(-x) + 0.4 * np.exp(-x / 3.0),
-    "fourfold": lambda x: 0.6 * np.exp(-x) + 0.4 * np.exp(-x / 4.0),
     "stretched": lambda x: np.exp(-(x**0.6)),
     "power law": lambda x: (1.0 + x) ** -2,
     "twenty times": lambda x: 0.7 * np.exp(-x) + 0.3 * np.exp(-x / 20.0),

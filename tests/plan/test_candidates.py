@@ -9,13 +9,11 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, Rig
 from beltid.plan.candidates import (
-    knots_for,
     knowledge_at,
     noise_law,
     prior_covariance,
     settings_of_rig,
     simulate_candidates,
-    speeds_for,
     usual_surface,
 )
 from beltid.plan.design import RunRows
@@ -130,15 +128,3 @@ def test_between_the_nodes_the_surface_is_that_of_a_joint_gaussian() -> None:
     np.testing.assert_allclose(found.scatter[np.ix_(new, new)], left, rtol=1e-5, atol=1e-7)
     # an error that lifts all nodes lifts what follows from them
     assert np.all((found.changes > 0.6) & (found.changes < 1.1))
-
-
-def test_knots_and_speeds_of_a_measured_surface_stay() -> None:
-    surface = FrictionSurface(np.exp(FORCES), np.exp(SPEEDS), np.ones((8, 3)))
-    gap = FORCES[1] - FORCES[0]
-    knots = knots_for(float(np.exp(FORCES[0] - 1.9 * gap)), 12100.0, surface, 12)
-    np.testing.assert_allclose(knots[2:], FORCES)
-    np.testing.assert_allclose(np.diff(knots), gap)
-    speeds = speeds_for(np.array([0.0026, 0.001, 0.04]), surface)
-    np.testing.assert_allclose(speeds, [0.001, *np.exp(SPEEDS)])
-    expected = np.log(100.0) + np.log(10.0) * np.arange(5) / 4
-    assert knots_for(100.0, 1000.0, None, 5) == pytest.approx(expected)

@@ -351,11 +351,9 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     last_off, first_on = (max(float(travel[i]), 0.0) for i in (before, join))
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(float(model[join] - np.nanmin(z)), limit)
-    margin, step = float(travel[join] - travel[0]) * limit / rise, first_on - last_off
-    ahead = 0.1 * max(step, margin)
-    tail = bench.tail(k, np.array([first_on, first_on + ahead]))
-    rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
-    timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
+    width = math.hypot(first_on - last_off, float(travel[join] - travel[0]) * limit / rise)
+    tail = bench.tail(k, first_on + np.array([0.0, 0.1 * width]))
+    timing = 10.0 * abs(float(tail[0] - tail[1])) / math.sqrt(12.0)
     after, errors = bench.course(k, np.append(0.5 * (last_off + first_on), record.travel))
     largest = int(np.argmax(after))
     times = np.append(0.5 * (t[before] + t[join]), record.middle_s)

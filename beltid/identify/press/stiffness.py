@@ -88,10 +88,7 @@ class LawEstimate:
 
 
 class _Scaled:
-    """Nodes of the curves, padded to (R, m): positions over the span, forces over the largest.
-
-    A coefficient of the law that would be negative is `held` at zero.
-    """
+    """Nodes of the curves (R, m) over span and largest force; coefficients `held` at zero."""
 
     def __init__(self, curves: Sequence[PressCurve], reference_degC: float) -> None:
         self.span = max(c.top_position_m - c.touch_m for c in curves)

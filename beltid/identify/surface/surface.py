@@ -187,11 +187,10 @@ class SurfaceGrid:
         return FrictionSurface(self.normal_force_N_m, self.slip_speed_m_s, self.mu, self.mu_se)
 
 
-def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, list[str]]:
-    """Build the surface through the mean of all arcs of a grid, or through its only arc.
+def average(rows: Rows, force: Range) -> tuple[SurfaceGrid, list[str]]:
+    """Build the surface through the mean of all arcs of a grid; a note says if they never overlap.
 
-    A note says that arcs never overlap. `errors_known` says whether the standard errors of the
-    points are.
+    Errors of zero are unknown ones: those of a single arc are then unknown, too.
     """
     nodes, notes = _force_nodes(rows, force), list[str]()
     if nodes.size == 1:  # one tension
@@ -216,8 +215,8 @@ def average(rows: Rows, force: Range, errors_known: bool) -> tuple[SurfaceGrid, 
     between = _between_arcs(own, mean, sd, n_arcs)
     factor = block_diag(*map(root, from_runs)).reshape(len(rows), nodes.size, -1).swapaxes(0, 1)
     factor = np.concatenate([factor, between[..., None]], axis=-1)
-    several, speeds = len(rows[0]) > 1, np.array([row[0].speed for row in rows])
-    mu_se = mean * (np.hypot(own, between) if errors_known or several else np.nan)
+    speeds, relative = np.array([row[0].speed for row in rows]), np.hypot(own, between)
+    mu_se = np.where(relative > 0.0, mean * relative, np.nan)
     factor = factor[..., np.any(factor, axis=(0, 1))]
     return SurfaceGrid(np.nan, nodes, speeds, mean, mu_se, n_arcs, sd, factor), notes
 
@@ -343,12 +342,12 @@ def build_surface(
         )
     arcs_deg, f, v, coefficients = values[:, usable]
     points = Points(arcs_deg, f, v, coefficients, np.where(known, se, typical))
-    grid, rows, of_grid = surface_through(points, bool(known.any()))
+    grid, rows, of_grid = surface_through(points)
     notes, arcs = notes + of_grid, list[SurfaceGrid]()
     for of_arc in zip(*rows, strict=True):
         curves, arc = [[curve] for curve in of_arc], of_arc[0].arc_deg
         if force := _common_range(curves):
-            arcs.append(replace(average(curves, force, bool(known.any()))[0], arc_deg=arc))
+            arcs.append(replace(average(curves, force)[0], arc_deg=arc))
         else:
             notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
     if grid.n_arcs.max() < 2:
@@ -357,15 +356,13 @@ def build_surface(
     return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
 
 
-def surface_through(
-    points: Points, errors_known: bool = True
-) -> tuple[SurfaceGrid, Rows, list[str]]:
+def surface_through(points: Points) -> tuple[SurfaceGrid, Rows, list[str]]:
     """Return the averaged surface of a grid or of scattered runs, its curves, if any, and notes."""
     curves = grid_of(points)
     if curves is None:
         grid, note = scattered_grid(points)
         return grid, (), [note]
-    grid, notes = average(*curves, errors_known)
+    grid, notes = average(*curves)
     return grid, curves[0], notes
 
 
