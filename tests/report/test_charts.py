@@ -112,10 +112,10 @@ def test_measured_against_simulated_are_the_means_over_arcs() -> None:
     assert keys == ["crossvalidation", "compare_refined", "compare"]
     axes = drawn("averaged:{name}", belt, "compare")[0]
     rows = sheet.rows("averaged")
-    assert sorted(bars(axes)[:, 1]) == pytest.approx(sorted(row["mu_measured"] for row in rows))
-    circles = [x for x in axes.get_lines() if x.get_marker() == "o" and x.get_xdata().size]
-    simulated = np.concatenate([x.get_ydata() for x in circles])
-    assert sorted(simulated) == pytest.approx(sorted(row["mu_simulated"] for row in rows))
+    for marker, name in (("s", "mu_measured"), ("o", "mu_simulated")):
+        drawn_as = [x.get_ydata() for x in axes.get_lines() if x.get_marker() == marker]
+        means = sorted(row[name] for row in rows)
+        assert sorted(np.concatenate(drawn_as).tolist()) == pytest.approx(means)
     back = [{**row, "pulley_speed_rad_s": -row["pulley_speed_rad_s"]} for row in rows]
     reverse = drawn("averaged:{name}", results(compare=stating(sheet, averaged=back)), "compare")
     names = reverse[0].get_legend_handles_labels()[1]
