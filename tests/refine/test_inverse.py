@@ -65,21 +65,6 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
     assert relative[0].min() > 2.0 * np.median(relative)  # where nothing was measured
 
 
-def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
-    """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
-    found = solved("5pk", 0.005, SMALL)
-    gain, q = found.runs.gain(found.posterior)[: found.parameters.size], found.parameters.size
-    noise = gain * found.runs.variance(found.posterior.sizes) @ gain.T
-    smoothed = np.eye(q) - gain @ found.runs.X
-    precision = found.runs.precision(found.posterior.sizes)
-    prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
-    own = noise + smoothed * prior @ smoothed.T
-    at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
-    expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
-    scatter = found.uncertainty.factor[..., len(found.uncertainty.sources) :]
-    np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
-
-
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
     sources = Source("EI", "bending_stiffness", size=0.05), Source("gain", "tension_gain", size=0.1)
     of = campaign("5pk", speeds=TWO)
