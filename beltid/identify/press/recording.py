@@ -127,7 +127,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         set_aside=tuple(set_aside),
         n_missing=sum(test.n_missing for test in used.values()),
         n_spikes=sum(test.n_spikes for test in used.values()),
-        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+        notes=tuple(notes),
     )
 
 
