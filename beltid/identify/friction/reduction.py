@@ -220,12 +220,9 @@ def _reduce_together(
 ) -> None:
     """Reduce all sliding runs of a bench together."""
     runs, records = zip(*sliding, strict=True)
-    bench, rests = fit_bench(records), [record.rest for record in records]
-    # relative change of the tension from the mean over the rest to its end
-    change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
-    weight = np.maximum([rest.end_se_N / rest.tension_N for rest in rests], 1e-7) ** -2.0
-    relaxed = float(np.average(change, weights=weight)) if weight.any() else 0.0
-    relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
+    bench = fit_bench(records)
+    # of the tension, from the mean over the rest to its end
+    relaxed = float(np.median([r.rest.end_N / r.rest.tension_N for r in records]))
     level, drift = bench.posterior.level, bench.visible_drift
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
     errors, variance, common = cell_errors(
@@ -235,7 +232,7 @@ def _reduce_together(
     y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
     for k, (run, record) in enumerate(sliding):
         y = float(level[k] - errors[k])
-        run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
+        run.initial_tension_N = record.rest.tension_N * relaxed
         run.converged, run.drift = bench.posterior.converged, float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
