@@ -31,7 +31,7 @@ sys.path[:0] = [str(ROOT / "tests" / "uncertainty"), str(ROOT / "tests" / "ident
 
 import virtual_rig  # noqa: E402
 from press_bench import Bench  # noqa: E402
-from virtual_bench import NO_ERRORS, SMALL, Design, repetition  # noqa: E402
+from virtual_bench import SMALL, Design, repetition  # noqa: E402
 
 PAGE = ROOT / "docs" / "coverage.md"
 DRAWS = {1: 12, 5: 6, 20: 2, 120: 1}
@@ -179,9 +179,9 @@ def surfaces(first: int) -> Iterator[tuple[str, Found]]:
     """Nodes of refined surfaces within the forces of the runs of simulated campaigns."""
     cases = {
         "16 runs, noise 0.3 %, errors of the bench": SMALL,
-        "16 runs, noise 0.3 %": replace(SMALL, given=NO_ERRORS),
+        "16 runs, noise 0.3 %": replace(SMALL, given={}),
         "45 runs, noise 0.3 %, errors of the bench": MIDDLE,
-        "45 runs, noise 1.2 %": replace(MIDDLE, given=NO_ERRORS, noise=0.012),
+        "45 runs, noise 1.2 %": replace(MIDDLE, given={}, noise=0.012),
     }
     for name, design in cases.items():
         drawn = [repetition(design, seed) for seed in range(first, first + DRAWS[5])]

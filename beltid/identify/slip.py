@@ -128,12 +128,12 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     runs = {name: [x[named == run] for run in labels] for name, x in columns.items()}
     notes = _cut_to_speed(labels, runs)
     one = np.zeros(labels.size, dtype=np.intp)
-    speed, _ = pooled_means(runs[DRIVER], one)
+    speed, _, speed_noise = pooled_means(runs[DRIVER], one)
     # the runs of one speed have the same noise, all runs if any speed has too few
     series = settings_of(np.abs(speed), SAME_SETTING)
     if not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS:
         series = one
-    (tension, _), (torque, torque_se), (driven, _) = (
+    (tension, *_), (torque, torque_se, _), (driven, _, driven_noise) = (
         pooled_means(runs[name], series) for name in ("initial_tension_N", TORQUE, DRIVEN)
     )
     # without torque: below a share of the largest, or within its noise
@@ -144,12 +144,10 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     shares = driven[idle] / np.sum(driven[idle] ** 2)
     ratio = float(shares @ speed[idle]) if idle.any() else 1.0
     losses = [a - ratio * b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
-    loss, se = pooled_means(losses, series)
+    loss, se, _ = pooled_means(losses, series)
     step = resolution(*(np.concatenate(runs[name]) for name in (DRIVER, DRIVEN)))
-    finite = ([x[np.isfinite(x)] for x in runs[name]] for name in (DRIVER, DRIVEN))
-    scatters = ([np.std(x) if x.size else 0.0 for x in of_runs] for of_runs in finite)
-    rounding = [rounding_of_mean(scatter, step) for scatter in scatters]
-    coarse = np.hypot(rounding[0], ratio * rounding[1])
+    of_driver, of_driven = (rounding_of_mean(x, step) for x in (speed_noise, driven_noise))
+    coarse = np.hypot(of_driver, ratio * of_driven)
     # errors of rounding may be equal in all runs
     by_rounding = float(np.abs(shares) @ coarse[idle])
     ratio_se = math.hypot(float(np.linalg.norm(shares * se[idle])), by_rounding)
@@ -224,7 +222,8 @@ def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
     """Average each run of evenly spaced samples (n,), nan where missing, without its spikes.
 
     Runs of a series (R,) have equal noise: its variance s² and correlation time tau [samples] give
-    the standard errors ``s sqrt(tau / n)``. Returns means and errors (2, R), nan if unknown.
+    the standard errors ``s sqrt(tau / n)``. Returns means, their errors and the standard deviations
+    of the samples (3, R), nan if unknown.
     """
     steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in samples])
     noise = mad_sigma(steps) / math.sqrt(2.0) if steps.size else 0.0
@@ -239,4 +238,4 @@ def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
         freedom = np.sum(n[rows] / tau - 1.0)
         if freedom > 0.0:
             se[rows] = np.sqrt(np.sum(squares[rows] / tau) / freedom * tau / n[rows])
-    return np.array([mean, se])
+    return np.array([mean, se, np.sqrt(squares / np.fmax(n, 1.0))])

@@ -71,8 +71,6 @@ class RefinedSurface:
     """With its covariance, and the standard errors of its nodes by scatter and effects."""
     uncertainty: SurfaceUncertainty
     """The covariance by causes; the bending stiffness with what the runs leave of its error."""
-    curves: Curves  # the splines from which the surface was tabulated
-    parameters: Array  # ln mu at the knots, speed by speed, (size,)
     campaign: Campaign
     stated_errors: tuple[tuple[Source, float, float], ...]
     """Each error that runs share as stated, and what the runs say of it: mean and standard
@@ -109,8 +107,7 @@ def refine_surface(
     # with the knots where forces act with the first solution
     fit = Problem(rig, first.tabulated(), measured, reference_degC).solved()
     curves, posterior, q, left = fit.curves, fit.posterior, fit.at.size, list(sources)
-    parameters = curves.B @ fit.at
-    at = curves.surfaces(parameters), rig.speeds, fit.done.speed_slope
+    at = curves.surfaces(curves.B @ fit.at), rig.speeds, fit.done.speed_slope
     changes, _ = residual_changes(campaign, sources, *at)
     runs = replace(fit.runs, shared=-changes)
     mean, covariance = runs.model().at(posterior.sizes).of(SHARED_ERRORS)
@@ -148,8 +145,6 @@ def refine_surface(
     return RefinedSurface(
         surface=surface,
         uncertainty=SurfaceUncertainty(surface, left, measured.arcs_deg),
-        curves=curves,
-        parameters=parameters,
         campaign=campaign,
         stated_errors=told,
         runs=runs,

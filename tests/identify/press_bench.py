@@ -109,12 +109,6 @@ def joined(*records: dict[str, np.ndarray], labels: str = "") -> dict[str, np.nd
     return {name: np.concatenate([r[name] for r in records]) for name in records[0]}
 
 
-def each_test(columns: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """The rows of each test."""
-    labels = columns["test"].tolist()
-    return [np.flatnonzero(columns["test"] == label) for label in dict.fromkeys(labels)]
-
-
 def force_errors(law: LawEstimate, force: Callable) -> tuple[float, float]:
     """Largest relative error of the force from a tenth of it on, and that over its stated error."""
     delta = np.linspace(0.02, 1.0, 2000) * law.max_penetration_m

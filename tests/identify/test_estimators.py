@@ -98,8 +98,6 @@ def test_settings_are_distinguished_by_their_relative_gap():
     values = np.array([100.0, 205.0, np.nan, 102.9, 200.0, -1.0])
     expected = [101.45, 202.5, np.nan, 101.45, 202.5, -1.0]
     assert snap_to_settings(values) == pytest.approx(expected, nan_ok=True)
-    assert snap_to_settings(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
-    assert snap_to_settings(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
     assert np.isnan(snap_to_settings(np.array([np.nan]))).all()
 
 

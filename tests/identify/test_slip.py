@@ -190,12 +190,12 @@ def test_standard_errors_hold_with_correlated_noise(runs):
 def test_the_noise_of_a_series_is_one_variance():
     """se² = sum of squares / (all degrees of freedom) / n, for white noise."""
     runs = [np.array([1.0, 2.0, 0.0]), np.array([5.0, 3.0, 4.0]), np.arange(3.0)]
-    mean, se = pooled_means(runs, np.zeros(3, dtype=int))
+    mean, se, _ = pooled_means(runs, np.zeros(3, dtype=int))
     assert mean.tolist() == [1.0, 4.0, 1.0]
     # 6 squares over 6 degrees of freedom
     assert se == pytest.approx([1.0 / math.sqrt(3.0)] * 3, rel=1e-9)
     few = [np.array([np.nan, np.nan]), np.array([2.0]), np.arange(8.0) % 2]
-    mean, se = pooled_means(few, np.zeros(3, dtype=int))
+    mean, se, _ = pooled_means(few, np.zeros(3, dtype=int))
     assert mean == pytest.approx([np.nan, 2.0, 0.5], nan_ok=True)
     assert se[:2] == pytest.approx([np.nan, math.sqrt(2.0 / 7.0)], rel=1e-9, nan_ok=True)
 

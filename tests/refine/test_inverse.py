@@ -43,10 +43,10 @@ def test_without_noise_the_bias_of_the_published_procedure_goes() -> None:
     assert worst < 0.0006
     assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.0002
     assert 0.03 < np.sqrt(np.mean(refined.misfit_before**2)) < 0.05  # as the published surface
-    # peaks of the force belong to the range; knots go on below it
+    # peaks of the force belong to the range
     force, f = refined.surface.normal_force_N_m, of.measured.normal_force
     assert force[-1] > 1.5 * f.max()
-    assert np.exp(refined.curves.log_force[0]) < 0.3 * force[0] < 0.3 * f.min()
+    assert force[0] < f.min()
 
 
 def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
@@ -55,29 +55,10 @@ def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
     assert refined.noise_scale == pytest.approx(1.0, abs=0.3)  # 48 runs give it to a tenth
     stated = refined.runs.errors * np.sqrt(refined.weight)  # of ln mu, with that of the model
     np.testing.assert_allclose(stated, np.hypot(0.005, 2e-4), rtol=1e-9)
-    # the linear model is that of the last simulated runs, where its step is none
-    h = np.linalg.solve(refined.curves.B, refined.parameters)
-    left = -np.log1p(refined.misfit_after)
-    np.testing.assert_allclose(refined.runs.y - refined.runs.X @ h, left, atol=1e-12)
     error, se = at_nodes(refined)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     relative = refined.surface.mu_se_nodes / refined.surface.mu_nodes
     assert relative[0].min() > 2.0 * np.median(relative)  # where nothing was measured
-
-
-def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
-    """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
-    found = solved("5pk", 0.005, SMALL)
-    gain, q = found.runs.gain(found.posterior)[: found.parameters.size], found.parameters.size
-    noise = gain * found.runs.variance(found.posterior.sizes) @ gain.T
-    smoothed = np.eye(q) - gain @ found.runs.X
-    precision = found.runs.precision(found.posterior.sizes)
-    prior = np.divide(1.0, precision, out=np.zeros(q), where=precision > 0.0)
-    own = noise + smoothed * prior @ smoothed.T
-    at_nodes = found.curves.at_nodes(found.surface.normal_force_N_m, found.curves.B)
-    expected = np.einsum("fvk,kl,fvl->fv", at_nodes, own, at_nodes)
-    scatter = found.uncertainty.factor[..., len(found.uncertainty.sources) :]
-    np.testing.assert_allclose(np.sum(np.square(scatter), axis=-1), expected, atol=1e-9)
 
 
 def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:

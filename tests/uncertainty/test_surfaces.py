@@ -6,47 +6,41 @@ import numpy as np
 import pytest
 from virtual_bench import GIVEN, SMALL, read_campaign
 
-from beltid.refine.inverse import refine_surface, sweep
+from beltid.refine.inverse import Problem
 from beltid.uncertainty.measured import changes_at_nodes, published_grid, published_uncertainty
 from beltid.uncertainty.simulated import INPUTS, MESH, RigRuns, residual_changes
 from beltid.uncertainty.sources import SURFACE, Errors, stated_sources
 
-
-@pytest.fixture(scope="module")
-def nominal():
-    campaign = read_campaign(SMALL, np.random.default_rng(4))
-    sources = stated_sources(GIVEN, SURFACE, len(SMALL.settings[0]))
-    return refine_surface(campaign, SMALL.speeds, sources)
-
-
-def stated(nominal):
-    return [source for source, *_ in nominal.stated_errors]
+SOURCES = stated_sources(GIVEN, SURFACE, len(SMALL.settings[0]))
 
 
 @pytest.fixture(scope="module")
-def slopes(nominal):
-    """Derivatives of the runs by knots, inputs and speed, about the refined surface."""
-    campaign, speeds = nominal.campaign, SMALL.speeds
-    rig = RigRuns(campaign, speeds, MESH)
-    done = sweep(rig, nominal.curves, nominal.parameters)
-    surfaces = nominal.curves.surfaces(nominal.parameters)
-    at = surfaces, speeds, done.speed_slope
-    return done, surfaces, *residual_changes(campaign, stated(nominal), *at)
+def campaign():
+    return read_campaign(SMALL, np.random.default_rng(4))
 
 
-def test_slopes_obey_the_dimensions(nominal, slopes):
+@pytest.fixture(scope="module")
+def slopes(campaign):
+    """Derivatives of the runs by knots, inputs and speed, about the published surface."""
+    rig = RigRuns(campaign, SMALL.speeds, MESH)
+    start = Problem(rig, campaign.bench.surface, campaign.measured, None)
+    surfaces = start.curves.surfaces(start.curves.B @ start.at)
+    at = surfaces, SMALL.speeds, start.done.speed_slope
+    return start, surfaces, *residual_changes(campaign, SOURCES, *at)
+
+
+def test_slopes_obey_the_dimensions(slopes):
     # scaled forces (T0, EI, EA and both stiffnesses) with a surface scaled along the force change
     # nothing; neither do scaled lengths
-    done, _, _, by_input = slopes
-    curves = nominal.curves
+    start, _, _, by_input = slopes
+    curves = start.curves
     slope, step = dict(zip(INPUTS, by_input.T, strict=True)), 1e-5
     basis = curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)
     inner = np.ones(curves.log_force.size)
     inner[[0, -1]] = 2.0  # one-sided there: the nearest value holds beyond
-    along = (inner[:, None] * basis / (2 * step)) @ nominal.parameters.reshape(
-        SMALL.speeds.size, -1
-    ).T
-    shift = -done.J @ along.T.ravel()
+    values = (curves.B @ start.at).reshape(SMALL.speeds.size, -1)
+    along = (inner[:, None] * basis / (2 * step)) @ values.T
+    shift = -start.done.J @ along.T.ravel()
     forces = slope["initial tension"] + slope["EI"] + slope["EA"]
     forces = forces + slope["k_linear"] + slope["k_quadratic"] + shift
     lengths = slope["radius"] + slope["span"] + 2.0 * slope["EI"]
@@ -55,24 +49,23 @@ def test_slopes_obey_the_dimensions(nominal, slopes):
     assert np.max(np.abs(lengths)) < 0.03
 
 
-def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slopes):
-    done, surfaces, expected, _ = slopes
+def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(campaign, slopes):
+    start, surfaces, expected, _ = slopes
 
     def difference(errors):
-        campaign = nominal.campaign
         after = campaign.measured.corrected(errors)
         of = replace(campaign, measured=after)
         rig = RigRuns(of, SMALL.speeds, 1.0, campaign.inputs(after, errors))
-        return np.log(after.mu) - rig.log_mu(surfaces, done.speed_slope)
+        return np.log(after.mu) - rig.log_mu(surfaces, start.done.speed_slope)
 
     before = difference(Errors())
-    for source, change in zip(stated(nominal), expected.T, strict=True):
+    for source, change in zip(SOURCES, expected.T, strict=True):
         found = difference(Errors.single(source)) - before
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
 
-def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
-    measured = nominal.campaign.measured
+def test_the_published_surface_follows_an_error_as_the_procedure_does(campaign):
+    measured = campaign.measured
     grid = published_grid(measured)
     found = published_uncertainty(measured, grid, GIVEN)
     sources, changes = found.sources, found.factor[..., : len(found.sources)]

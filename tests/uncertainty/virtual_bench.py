@@ -52,7 +52,6 @@ GIVEN = assumed(
     }
 )
 """Standard uncertainties of the virtual bench."""
-NO_ERRORS: StandardUncertainties = {}
 
 
 def true_mu(f: np.ndarray, v: np.ndarray | float) -> np.ndarray:

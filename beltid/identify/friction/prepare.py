@@ -123,7 +123,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        rest.tension_N, rest.end_N, rest.end_se_N = W, W, 0.0
+        rest.tension_N, rest.end_N = W, W
         rest.imbalance_N, rest.imbalance_se_N = 0.0, 0.0
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
@@ -392,10 +392,8 @@ class Rest:
         mean, difference, time = mean[near], difference[near], t[:end][near]
         n, last = difference.size, max(difference.size // 8, min(difference.size, 3))
         self.n_samples, self.first_s, self.last_s = n, float(time[0]), float(time[-1])
-        # mean of both cells over the rest and over its last samples, with standard error
+        # mean of both cells over the rest and over its last samples
         self.tension_N, self.end_N = float(np.mean(mean)), float(np.mean(mean[-last:]))
-        noise_N = float(np.std(np.diff(mean))) if n > 2 else np.inf
-        self.end_se_N = noise_N / np.sqrt(2.0 * last)
         rounding = float(np.linalg.norm(rounding_N))
         spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
         se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)

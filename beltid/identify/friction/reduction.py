@@ -10,6 +10,7 @@ Rows of a table, plateaus without rest and build-up, give one coefficient each b
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
 """
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -71,11 +72,9 @@ def reduce_plateaus(
     if not kind.running:
         omega, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(omega), omega, slip / R)
-    label, count = [str(name) for name in columns["run"]], Counter[str]()
-    repeated = Counter(label)
-    for row, name in enumerate(list(label)):
-        count[name] += 1
-        label[row] += f"-{count[name]}" if repeated[name] > 1 else ""
+    names = [str(name) for name in columns["run"]]
+    rows_of = {name: itertools.count(1) for name, rows in Counter(names).items() if rows > 1}
+    label = [f"{name}-{next(rows_of[name])}" if name in rows_of else name for name in names]
     table |= {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
     table["run"] = np.arange(n).astype(str)
     if direct:  # the tensions do not count
@@ -200,24 +199,16 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     of_levels = np.array([[median(x[stated == level]) for level in levels] for x in found])
     offset_N, excess = np.median(of_levels, axis=1)
     apart = [mad_sigma(x) / max(abs(np.median(x)), 1e-300) for x in of_levels]
+    is_large, size = abs(excess) > LARGE, f"{1.0 + excess:.4g} times"
     if apart[0] < apart[1]:
         is_large, size = abs(offset_N) > LARGE * levels[0], f"{offset_N:+.3g} N off"
-        remedy = (
-            "were the load cells tared? State their readings without load as "
-            "friction.tension_tight_tare_N and friction.tension_slack_tare_N"
-        )
-    else:
-        is_large, size = abs(excess) > LARGE, f"{1.0 + excess:.4g} times"
-        remedy = (
-            "is the unit of the cells right (units.rig), is the force of the whole hub stated? "
-            "State a known error of the cells as friction.tension_tight_gain and "
-            "friction.tension_slack_gain"
-        )
     if not is_large or min(apart) > AGREE:
         return ""
     return (
         f"the tensions at rest are {size} the stated initial tensions at {levels.size} levels of "
-        f"tension: {remedy}. If only the stated tensions are wrong, correct initial_tension_N"
+        "tension: were the cells tared (friction.tension_tight_tare_N, tension_slack_tare_N), is "
+        "their unit right (units.rig), their gain (friction.tension_tight_gain, "
+        "tension_slack_gain), and is initial_tension_N?"
     )
 
 
@@ -229,12 +220,9 @@ def _reduce_together(
 ) -> None:
     """Reduce all sliding runs of a bench together."""
     runs, records = zip(*sliding, strict=True)
-    bench, rests = fit_bench(records), [record.rest for record in records]
-    # relative change of the tension from the mean over the rest to its end
-    change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
-    weight = np.maximum([rest.end_se_N / rest.tension_N for rest in rests], 1e-7) ** -2.0
-    relaxed = float(np.average(change, weights=weight)) if weight.any() else 0.0
-    relaxed *= relaxed**2 / (relaxed**2 + 1.0 / max(float(np.sum(weight)), 1e-300))
+    bench = fit_bench(records)
+    # of the tension, from the mean over the rest to its end
+    relaxed = float(np.median([r.rest.end_N / r.rest.tension_N for r in records]))
     level, drift = bench.posterior.level, bench.visible_drift
     own = bench.posterior.level_variance + np.square([record.rounding for record in records])
     errors, variance, common = cell_errors(
@@ -244,7 +232,7 @@ def _reduce_together(
     y_ses = np.sqrt(own + variance + np.sum(shared**2, axis=1))
     for k, (run, record) in enumerate(sliding):
         y = float(level[k] - errors[k])
-        run.initial_tension_N = record.rest.tension_N * (1.0 + relaxed)
+        run.initial_tension_N = record.rest.tension_N * relaxed
         run.converged, run.drift = bench.posterior.converged, float(drift[k]) / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
@@ -359,13 +347,8 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     times = np.append(0.5 * (t[before] + t[join]), record.middle_s)
     run.peak_time_s, peak = float(times[largest]), float(after[largest])
     se = float(np.linalg.norm([errors[largest], timing, record.rounding]))
-    if peak - level < STANDS_OUT * se:
+    if se > min((peak - level) / STANDS_OUT, MAX_PEAK_ERROR * peak):
         return "no peak stands out from the plateau"
-    if se > MAX_PEAK_ERROR * peak:
-        return (
-            f"the standard error of the peak is {100 * se / peak:.2g} %, "
-            f"allowed is {100 * MAX_PEAK_ERROR:g} %"
-        )
     beta = float(np.radians(run.arc_deg))
     run.mu_sticking, run.mu_sticking_se = (peak + y - level) / beta, se / beta
     return ""

@@ -127,7 +127,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         set_aside=tuple(set_aside),
         n_missing=sum(test.n_missing for test in used.values()),
         n_spikes=sum(test.n_spikes for test in used.values()),
-        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+        notes=tuple(notes),
     )
 
 
@@ -182,8 +182,6 @@ def _read_test(
     curves = [_curve(k, cycles[k], samples, noise / length, of_test) for k in kept]
     found = f"{len(cycles)} cycles found, {len(complete)} unloaded"
     changes = (
-        (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
-        (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
