@@ -460,8 +460,3 @@ class Clock:
             time[rows[1:]] += np.cumsum(night) * DAY_S
             time[rows] -= time[rows[:1]]
         return np.round(time, 9)  # finer digits are rounding errors
-
-    @property
-    def note(self) -> str:
-        """How the time was obtained."""
-        return f"{self.name}: seconds are counted from the first, {self.first}"
