@@ -414,7 +414,6 @@ class Clock:
     name: str = ""  # of the channel
     first: str = ""  # the first time as written
     midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
-    midnights: int = 0  # passed by times of day
 
     def read(self, times: pd.Series, place: PlaceOf) -> np.ndarray:
         """Convert clock times to seconds from the midnight before the first; nan for none."""
@@ -459,12 +458,5 @@ class Clock:
                 where, line = place(int(rows[back[0] + 1 if back.size else 0]))
                 self.problems.add(f"{where}: {self.name} {wrong}", line)
             time[rows[1:]] += np.cumsum(night) * DAY_S
-            self.midnights += int(night.sum())
             time[rows] -= time[rows[:1]]
         return np.round(time, 9)  # finer digits are rounding errors
-
-    @property
-    def note(self) -> str:
-        """How the time was obtained."""
-        past = f", {self.midnights} times past midnight" if self.midnights else ""
-        return f"{self.name}: seconds are counted from the first, {self.first}{past}"

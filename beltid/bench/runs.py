@@ -112,7 +112,7 @@ def read_part(raws: Sequence[Raw], needs: Needs, names: tuple[str, ...] = ()) ->
     labels = columns.get(label, np.zeros(len(part)))
     if clock.first:
         columns["time_s"] = clock.elapsed(columns["time_s"], codes_of(labels)[0], part.at)
-        notes.append(clock.note)
+        notes.append(f"{clock.name}: seconds are counted from the first, {clock.first}")
     is_one = label in stated and "time_s" in needs.table.names
     if is_one and (count := len(codes_of(labels)[1])) > 1:
         problems.add(

@@ -144,17 +144,10 @@ def friction_table(surface: FrictionSurface) -> tuple[Array, Array, Array, Devia
 
 
 def penetration_nodes(law: ContactLaw) -> Array:
-    """Space penetrations [m] evenly from 0 to at least that of the largest line force of the law.
-
-    One node is at the end of the press test, so that no straight line joins measured and
-    extrapolated values, unless that is within half a step of zero.
-    """
+    """Space penetrations [m] evenly from 0 to that of the largest line force of the law."""
     end = (law.validity.press_force_N_m or (0.0, 0.0))[1]
-    deepest = float(law.normal_law.penetration(max(law.surface.normal_force_N_m[-1], end, 1.0)))
-    measured = float(law.normal_law.penetration(end)) or deepest
-    steps = round((PENETRATIONS - 1) * measured / deepest)
-    step = measured / steps if steps else deepest / (PENETRATIONS - 1)
-    return np.asarray(step * np.arange(math.ceil(deepest / step - 1e-9) + 1), dtype=float)
+    deepest = law.normal_law.penetration(max(law.surface.normal_force_N_m[-1], end, 1.0))
+    return np.linspace(0.0, deepest, PENETRATIONS)
 
 
 def _samples(surface: FrictionSurface) -> tuple[Array, Array]:

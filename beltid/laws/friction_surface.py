@@ -126,18 +126,6 @@ class FrictionSurface:
         return min(self.normal_force_N_m.size - 1, 3), min(self.slip_speed_m_s.size - 1, 3)
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """A line per axis with too few nodes for cubic interpolation, for the user."""
-        axes = (("normal force", self.normal_force_N_m), ("sliding speed", self.slip_speed_m_s))
-        words = ("constant", "linear", "quadratic")
-        return tuple(
-            f"{nodes.size} node{'s' if nodes.size > 1 else ''} of {name}: "
-            f"{words[degree]} along it, cubic needs 4"
-            for (name, nodes), degree in zip(axes, self.degree, strict=True)
-            if degree < 3 and math.isfinite(_range_of(nodes)[1])
-        )
-
-    @property
     def falls_with_speed(self) -> bool:
         """Whether mu decreases with speed anywhere on the surface."""
         return bool(np.any(np.diff(self.mu_nodes, axis=1) < 0.0))

@@ -32,6 +32,7 @@ NO_DATES: dict[str, dict[str, Any]] = {
 }
 WIDE = 5.0  # smallest ratio of highest to lowest value for a logarithmic axis
 LOW_LEGEND = 0.9  # legend height that fits into a figure of the usual height [in]
+HALF_WIDTH = 28  # letters of the longest name of a legend in two columns
 RESOLUTION = 150  # of a PNG, dots per inch
 INK = "#1a1a1a"
 FAINT = "#767676"
@@ -232,13 +233,11 @@ def legend_below(fig: Figure) -> None:
     for axes in fig.axes:
         handles.update(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     names = [textwrap.fill(name, 48) for name in handles]
-    for ncols in (3, 2, 1) if handles else ():
+    if names:
+        ncols = 1 if max(map(len, names)) > HALF_WIDTH else 2
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
-        extent = legend.get_window_extent()
-        if ncols == 1 or extent.width <= fig.bbox.width:
-            fig.set_figheight(fig.get_figheight() + max(extent.height / fig.dpi - LOW_LEGEND, 0.0))
-            break
-        legend.remove()
+        height = legend.get_window_extent().height / fig.dpi
+        fig.set_figheight(fig.get_figheight() + max(height - LOW_LEGEND, 0.0))
 
 
 def saved(fig: Figure, kind: str, **style: Any) -> bytes:

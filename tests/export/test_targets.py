@@ -235,8 +235,9 @@ def test_measured_inferred_and_extrapolated_are_distinguished(law: ContactLaw) -
     assert set(ranges.values()) == {"measured", "inferred"}
     assert ranges == {f: "measured" if 900 <= f <= 8000 else "inferred" for f in ranges}
     normal = csv_rows(law, "normal.csv")
-    last = [row["range"] for row in normal].index("extrapolated") - 1
-    assert float(normal[last]["force_N_m"]) == pytest.approx(1e4, rel=1e-9)  # there the press ended
+    measured = [float(row["force_N_m"]) <= 1e4 for row in normal]  # there the press ended
+    assert [row["range"] != "extrapolated" for row in normal] == measured
+    assert len(set(measured)) == 2
     d = float(normal[-1]["penetration_m"])
     by_hand = np.sqrt(1.4e8 * d**2 - 2 * 1.0e12 * d**3 + 8.2e15 * d**4)
     assert float(normal[-1]["force_se_N_m"]) == pytest.approx(by_hand, rel=1e-5)
@@ -305,16 +306,3 @@ def test_a_reference_point_outside_is_refused(
     with pytest.raises(beltid.InputError) as error:
         reference_point(law, force, speed)
     assert said in str(error.value)
-
-
-@pytest.mark.parametrize("end", [1e-6, 60.0, 1.0e4, 1.0e5])
-def test_a_table_of_penetrations_is_short_wherever_the_press_ended(
-    law: ContactLaw, end: float
-) -> None:
-    pressed = law.validity.model_copy(update={"press_force_N_m": (0.0, end)})
-    law = law.model_copy(update={"validity": pressed})
-    nodes = penetration_nodes(law)
-    assert 33 <= nodes.size <= 130
-    assert law.normal_law.force(nodes[-1]) >= 0.999 * max(end, law.surface.normal_force_N_m[-1])
-    at_end = np.abs(nodes - law.normal_law.penetration(end)).min()
-    assert at_end < 1e-12 or law.normal_law.penetration(end) < 0.5 * nodes[1]

@@ -352,7 +352,6 @@ def build_surface(
             notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
-    notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
     return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
 
 
