@@ -293,7 +293,7 @@ class Mixed:
 
     def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Find the mode of h for every prior precision Q (K, k, k), by Newton's method."""
-        positive = self.positive
+        positive, one = self.positive, np.eye(b.size)
         q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
         value, h, slope, pull = self._cost(q, M, b, Q)
         for turn in range(NEWTON):
@@ -305,11 +305,11 @@ class Mixed:
                 value, h, _, pull = self._cost(q, M, b, Q)
                 break
             try:
-                step = -_solve(_less_diagonal(H, positive * pull), slope[..., None])[0][..., 0]
+                step = -_solve(H - one * (positive * pull)[..., None], slope[..., None])[0][..., 0]
             except NumericsError:  # not convex here, or even a saddle
-                convex = _less_diagonal(H, positive * np.minimum(pull, 0.0))
+                convex = H - one * (positive * np.minimum(pull, 0.0))[..., None]
                 if turn > NEWTON // 2:
-                    convex = _absolute(_less_diagonal(H, positive * pull))
+                    convex = _absolute(H - one * (positive * pull)[..., None])
                 step = -_solve(convex, slope[..., None])[0][..., 0]
             fall = -step[:, positive].min(axis=1, initial=0.0)
             part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
@@ -329,8 +329,8 @@ class Mixed:
         self.q = q
         D, away = np.where(positive, h, 1.0), q - self.m0
         H = D[:, :, None] * M * D[:, None, :] + Q
-        curved = _less_diagonal(H, positive * pull)
-        inverse, log_det = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
+        curved = H - one * (positive * pull)[..., None]
+        inverse, log_det = _solve(H, np.broadcast_to(one, H.shape))
         # the determinant changes with the mode, too: its slope by q, through the Hessian there
         by_mode = np.where(positive, 1.0 - np.sum(inverse * Q, axis=2), 0.0)
         shift = np.linalg.solve(curved, by_mode[..., None])[..., 0]
@@ -344,13 +344,6 @@ class Mixed:
         Mh, pull = h @ M, (Q @ away[..., None])[..., 0]
         slope = np.where(self.positive, h, 1.0) * (Mh - b) + pull
         return 0.5 * np.sum(h * Mh + away * pull, axis=1) - h @ b, h, slope, pull
-
-
-def _less_diagonal(H: Array, x: Array) -> Array:
-    """Return matrices (K, k, k), rows of x (K, k) subtracted from their diagonals."""
-    H, i = H.copy(), np.arange(x.shape[1])
-    H[:, i, i] -= x
-    return H
 
 
 def _absolute(H: Array) -> Array:

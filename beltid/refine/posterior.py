@@ -12,7 +12,6 @@ friction. Errors that the runs share are no part of the estimate, or every trace
 would be taken for one of the bench; what the runs say of them is found beside it.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -48,7 +47,6 @@ PRIORS = {
 }
 """Priors of standard deviations, of ln mu for the scatter and the effects."""
 IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
-WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 LEAST_NOISE = 0.5  # few runs may fit by chance
 LARGE, SMALL = 3.0e-2, 1.0e-3  # sizes of one effect at the start of a search, and of the others
 GRID = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
@@ -205,12 +203,6 @@ class LinearRuns:
         """Return the prior precision of the coordinates (q,); zero where they are free."""
         of_part = {part: 1.0 / sizes[part] ** 2 for part in (CURVE, DIFFERENCE) if part in sizes}
         return np.hstack([np.full(Z.shape[1], of_part.get(k, 0.0)) for k, Z in self.parts.items()])
-
-    def unusual_effects(self, posterior: Posterior) -> dict[str, float]:
-        """Return effects larger than in 98 % of campaigns: key -> largest usual deviation."""
-        usual = {k: PRIORS[k].median * math.exp(WIDTHS * PRIORS[k].width) for k in self.effects}
-        rms = {key: np.sqrt(np.mean(np.square(posterior.of(key)[0]))) for key in usual}
-        return {key: size for key, size in usual.items() if rms[key] > size}
 
     def gain(self, posterior: Posterior) -> Array:
         """Return the derivatives of all coefficients with respect to the data (k, n)."""

@@ -400,9 +400,6 @@ def _disagreement(result: Refinement) -> Iterator[str]:
     if scale > MOST_NOISE:
         most = f"at most {MOST_NOISE:g} is usual: the uncertainty of the surface includes it"
         yield f"the runs scatter {scale:.2g} times as much as their standard errors say, {most}"
-    for key, usual in found.runs.unusual_effects(found.posterior).items():
-        shown = f"standard deviation {percent(100 * usual)}"
-        yield f"{EFFECTS[key][0]}: larger than usual ({shown}); the simulated rig may not fit"
     for name, size in contradictions(found).items():
         yield f"{name}: the runs require {size:.2g} standard uncertainties: wrong, or another rig"
     for k in np.flatnonzero(found.weight < 0.5):

@@ -65,7 +65,7 @@ def drive_uncertainty(
     rods = [i for i, result in enumerate(results) if result.state.rods]
     stick = [r is not None and set(r.status) == {ADHESION} for r in strings]
     slipping = [i for i in rods if not (stick[i] and set(results[i].status) == {ADHESION})]
-    inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
+    inputs = [with_errors(drive, points, press, Errors({s.key: s.size})) for s in sources]
     inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
     changes, by_string = _changes(drive, inputs, results, strings, slipping)
     shared, by_surface = np.split(changes, [len(sources)], axis=-1)

@@ -12,8 +12,7 @@ source, with their signs. A comparison says something about the model only beyon
 
 (ASME V&V 20-2009, Eq. 1-5-9), where each error that inputs and data share enters with its total
 change (section 5-3 there). The scatter behind the surface is added as if it were independent of
-that of the run, which is conservative by the few percent that one run weighs in it. A setting that
-the bench missed and the simulation did not is a known error without correction: it counts in full.
+that of the run. A setting that only the bench missed is a known error: it counts in full.
 """
 
 from collections.abc import Mapping, Sequence

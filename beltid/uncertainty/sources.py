@@ -10,7 +10,7 @@ relative to it or in its unit. A budget adds all contributions in squares (JCGM 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -117,11 +117,6 @@ class Errors(dict[tuple[str, int], float]):
         """Return the error of one source."""
         return self.get((error, place), 0.0)
 
-    @classmethod
-    def single(cls, source: Source) -> Self:
-        """Return errors with one source wrong by its standard uncertainty and no others."""
-        return cls({source.key: source.size})
-
 
 def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> Array:
     """Compute the change of a result (...) by one standard uncertainty of each source (..., K).
@@ -130,7 +125,7 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
     of the columns.
     """
     nominal = np.asarray(result(Errors()))
-    columns = [result(Errors.single(source)) - nominal for source in sources]
+    columns = [result(Errors({source.key: source.size})) - nominal for source in sources]
     return np.stack([*columns, nominal], axis=-1)[..., :-1]
 
 

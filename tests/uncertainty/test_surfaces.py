@@ -60,7 +60,7 @@ def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(campaign, sl
 
     before = difference(Errors())
     for source, change in zip(SOURCES, expected.T, strict=True):
-        found = difference(Errors.single(source)) - before
+        found = difference(Errors({source.key: source.size})) - before
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
 
@@ -74,5 +74,5 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(campaign):
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
     expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN["tension_gain"][0]
     np.testing.assert_allclose(both, expected, atol=1e-5)
-    other = published_grid(measured.corrected(Errors.single(sources[0])))
+    other = published_grid(measured.corrected(Errors({sources[0].key: sources[0].size})))
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)

@@ -1,18 +1,9 @@
 """Runs of a friction rig, and the tensions of both spans from what the rig measures.
 
-A recording is a table; `run_records` splits it into runs. Any two of these channels give the two
-span forces; the formulas are in `laws.capstan`. All tensions go through the same reduction; only
-the errors that they can have differ.
-
-=========== ============================== ==================================================
-Measures    Channels                       Errors of the tensions
-=========== ============================== ==================================================
-two_cells   both tensions                  independent errors of the two cells
-dead_weight one tension; the other is W    none in W
-torque      torque and one tension         torque: in the other tension; cell: in both
-            torque and a weight            torque: in the other tension; none in the weight
-torque_hub  torque and hub force           torque: half in each; hub force: in their sum
-=========== ============================== ==================================================
+A recording is a table; `run_records` splits it into runs. Any two of the channels give the two span
+forces (theory page, "The channels"; the formulas are in `laws.capstan`). All tensions go through
+the same reduction; only the errors that they can have differ: those of the cells, none in a weight,
+those of a torque in the tension that was not measured, half in each beside a hub force.
 
 Known errors of the cells are corrected here, so that the difference of the cells at rest shows only
 the unknown rest.

@@ -5,17 +5,13 @@ over the range that it covers at all speeds. Simulations use the average over th
 is a grid if each arc was measured at each speed, and some arc covers the same forces at each.
 
 Some arcs end before others at low and at high force (Eq. 8). So that the mean does not jump there,
-an arc is continued *parallel* to the mean of the arcs that go on. Only measured arcs count in
-``n_arcs``, and every node is limited to the coefficients of all runs at its speed.
-
-Arcs are a sample of contact lengths. The standard error with ``n`` measured arcs is
+an arc is continued *parallel* to the mean of the arcs that go on. Arcs are a sample of contact
+lengths. The standard error with ``n`` measured arcs is
 
     se² = sum(se_arc²) / n² + t² tau² mu² / n
 
-with the relative spread ``tau`` between arcs beyond what the errors of the runs explain, by moments
-over all speeds at the same force, and Student's t at a probability of 68 %.
-
-Runs that are no grid have one smooth surface (P-splines over ln f, ln v): docs/theory.md.
+with the relative spread ``tau`` between arcs beyond what the errors of the runs explain, and
+Student's t at 68 %. Runs that are no grid have one smooth surface (P-splines over ln f, ln v).
 """
 
 import math
