@@ -62,7 +62,8 @@ MOST_SHOWN = 99.5  # percentile of mu at the upper edge of every tile, for spike
 
 def belt_page(results: BeltResults, made_from: str) -> str:
     """Write the page of a belt, made from inputs of this hash; it tells what is missing."""
-    row, names, (verdict, state) = main_results(results), HEAD.split(), verdict_of(results)
+    row, names = main_results(results), HEAD.split()
+    verdict, state = verdict_of(results)
     return _rendered(
         made_from,
         f"Belt {results.belt}",

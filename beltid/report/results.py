@@ -280,7 +280,8 @@ FOR_REPORT = ("uncertainty", "laid", "averaged")  # what only stages and the rep
 def summary_of(artifact: Artifact, *, up_to_date: bool = False) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     failed = EXIT_NUMERICS if artifact.kind == "simulated" else EXIT_OUT_OF_TOLERANCE
-    record, (title, wanted) = artifact.record, VIEWS.get(artifact.kind, (artifact.kind, ""))
+    record = artifact.record
+    title, wanted = VIEWS.get(artifact.kind, (artifact.kind, ""))
     columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
     rows = rows_of(columns)
     if runs := record.tables.get(RUNS):
