@@ -7,9 +7,6 @@ One or several groups r of data (the runs of a bench; all data of a campaign as 
 with a free level l_r of each group, coefficients h that all groups share, and effects (and noise)
 of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_er, K_er = Z_er Z_er'.
 
-A term is :class:`Shared` or :class:`Own`, with a :class:`Size`; :class:`Mixed` finds the sizes and
-gives a :class:`Posterior`; :func:`relinearised` serves data that are no linear function.
-
 The sizes maximise the restricted likelihood (REML) times their priors, by L-BFGS: with the residual
 e = y - X h, the projection P that takes out the levels, and the covariance C of the coefficients,
 

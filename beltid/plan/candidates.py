@@ -6,8 +6,7 @@ follow from its nodes by the same prior. The noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
-the scatter of the friction from run to run, the scatter of the tensions in Eq. (6), and the error
-of the simulated coefficient that the surface fit allows for.
+by the friction from run to run, the tensions in Eq. (6), and the error of the simulation.
 """
 
 import itertools

@@ -3,7 +3,6 @@
 The published procedure assigns each measured coefficient to the mean force of Eq. (8), which has no
 peaks by bending where the belt enters and leaves the pulley. Here Gauss–Newton finds the surface
 for which Eq. (6), applied to the tensions of the simulated rig, gives each measured coefficient.
-The data determine its smoothness and the other effects on friction.
 
 An error e of the bench changes the surface by G de, with the gain G of the solution (implicit
 differentiation of least squares) and the change de of measured minus simulated ln mu: without a new

@@ -8,8 +8,7 @@ free levels and a free slope, a curve that all speeds share and differences in s
 
 with the effects Z_e of arcs, run order and temperature as factors on the whole surface, the
 standard error e of a run, its sensitivity r to a factor on the surface, and the scatter s_r of the
-friction. Errors that the runs share are no part of the estimate, or every trace of a model error
-would be taken for one of the bench; what the runs say of them is found beside it.
+friction. Errors that the runs share are no part of it, or they would take up errors of the model.
 """
 
 from collections.abc import Mapping

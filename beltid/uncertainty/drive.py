@@ -1,9 +1,8 @@
 """Uncertainty of the speed losses of a drive that its inputs cause.
 
-Each shared error moves the inputs by one standard uncertainty, and the drive is solved again. The
-friction surface contributes by the columns of the factor of its covariance. An error of the inputs
-acts on all points together, with its sign. The string model gives these changes for rods as well,
-except at points where either slips fully.
+Each shared error moves the inputs of all points by one standard uncertainty, and the drive is
+solved again. The friction surface contributes by the columns of the factor of its covariance. The
+string model gives these changes for rods as well, except at points where either slips fully.
 """
 
 import math

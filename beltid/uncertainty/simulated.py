@@ -1,8 +1,8 @@
 """Runs on the simulated rig, their derivatives, and the uncertainty of what they say.
 
-The belt of each run is laid on the pulley once; the run then slides with many surfaces (sliding
-limit). The adjoint of the sliding state gives the derivatives of ln mu by Eq. (6) by mu at every
-place where the belt looks it up; those by the inputs of the rig take one more simulation each.
+The belt of each run is laid on the pulley once, and slides with many surfaces. The adjoint of the
+sliding state gives the derivatives of ln mu, Eq. (6), by mu at every place where the belt looks it
+up; those by the inputs of the rig take one more simulation each.
 
 An error of the bench acts on the measured values and on the inputs of the simulation, and may
 cancel in their difference. So the changes of the simulated ln mu and of the difference are kept by

@@ -2,9 +2,8 @@
 
 Each run is prepared alone (:mod:`prepare`), then all runs are reduced together
 (:mod:`bench_model`), measured and simulated ones alike. A run that cannot be reduced is marked with
-the reason, never dropped. The sticking peak is not the largest sample, which is the noisiest one:
-it is the largest value of the model of the sliding, with the rest of the build-up in it, from where
-the record joins the model onwards.
+the reason, never dropped. The sticking peak is not the largest, noisiest sample, but the largest
+value of the model of the sliding from where the record joins it onwards.
 
 Rows of a table, plateaus without rest and build-up, give one coefficient each by Eq. (6). The
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.

@@ -8,9 +8,8 @@ branches of test j, in contact from p_j on, is
 
 with free contact points p_j. Random effects, of sizes that the data tell: v_j of the belt segment;
 the slope theta over the temperature; the misfit b of the law, a smooth process that all tests
-share; e, white and correlated along the curve. Of known size are the zero c_j of the load cell, and
-a share of what reversals of the crosshead may add, where the branches separate gradually. If the
-belt was never unloaded, half the loop is an unknown share of the force.
+share; e, white and correlated along the curve. Of known size are the zero c_j of the load cell,
+what reversals of the crosshead may add and, of a belt never unloaded, half the loop.
 """
 
 import math
