@@ -84,7 +84,7 @@ def test_friction_power_is_what_the_axes_lose(
     speed, friction = (result.columns[name] for name in ("speed_rad_s", "friction_power_W"))
     power = result.columns["torque_N_m"] * speed
     asked = np.array(point.torque) * speed + point.power
-    assert power[1:] == pytest.approx(asked[1:], rel=1e-8, abs=1e-6)
+    assert power[1:] == pytest.approx(asked[1:], rel=1e-8, abs=1e-7)
     lost = power[0] - power[1:].sum()
     assert friction.sum() == pytest.approx(lost, rel=1e-9)
     independent = [dissipated(result, i) for i in range(power.size)]
