@@ -9,7 +9,7 @@ relative to it or in its unit. A budget adds all contributions in squares (JCGM 
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +20,11 @@ from beltid.laws.friction_surface import FrictionSurface
 STATED, ASSUMED, FITTED = "stated", "assumed", "fitted"
 PERCENT, DEGREE = ("%", 0.01), ("deg", math.pi / 180.0)
 NEWTON, MILLIMETRE = ("N", 1.0), ("mm", 1.0e-3)
+LEAST_PERCENT = 1.0e-6  # of a contribution that is listed
 
 RIG, BENT, MODEL, PRESS, DRIVE = "rig", "bent spans", "model", "press", "drive"
+SURFACE = (RIG, MODEL, PRESS)  # what changes a surface that is built with the simulated rig
+LAW = "law"
 ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"
 
 
@@ -129,11 +132,6 @@ def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> 
     return np.stack([*columns, nominal], axis=-1)[..., :-1]
 
 
-SURFACE = (RIG, MODEL, PRESS)
-"""What changes a surface that is built with the simulated rig."""
-LAW = "law"
-
-
 def stated_sources(
     u: StandardUncertainties,
     results: Sequence[str],
@@ -153,8 +151,8 @@ def stated_sources(
         for kind in (kind for kind in KINDS if result in kind.results):
             size, basis = u.get(kind.error, (0.0, ASSUMED))
             n = kind.places if isinstance(kind.places, int) else counts[kind.places]
-            like = Source(kind.name, kind.error, 0, size, *kind.unit, basis)
-            sources += [replace(like, place=k) for k in range(n) if size > 0.0]
+            shown = size, *kind.unit, basis
+            sources += [Source(kind.name, kind.error, k, *shown) for k in range(n) if size > 0.0]
     return tuple(sources)
 
 
@@ -180,9 +178,6 @@ def with_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Sou
     """Return the sources stored with a surface, then the given ones that it lacks."""
     there = {source.key for source in stored}
     return (*stored, *(source for source in given if source.key not in there))
-
-
-LEAST_PERCENT = 1.0e-6
 
 
 def budget(
