@@ -5,6 +5,7 @@ are read as texts, and `raw` judges those that are needed.
 """
 
 import csv
+import datetime
 import itertools
 import os
 import re
@@ -453,6 +454,8 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
 
 
 def _shown(cell: Any) -> str:
+    if isinstance(cell, datetime.datetime) and cell.year <= 1900:  # a time of day past midnight
+        cell = cell.time()
     return repr(cell) if isinstance(cell, float) else str("" if cell is None else cell).strip()
 
 

@@ -337,18 +337,25 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 
 
 def ranges(channel: Channel) -> dict[str, float]:
-    """Return count, smallest, largest and first number of a channel; nan for texts."""
+    """Return count, rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.values
     if is_text(values):  # times are no numbers
         texts = values[:0] if channel.written else values
         values = pd.Series(numbers_of(texts, raw.signs, "", raw.at, Problems()))
-    finite = values[np.isfinite(values)]
+    finite, time = values[np.isfinite(values)], raw.frame.get(formats.TIME, values[:0])
     return {
         "samples": len(finite) or int(channel.values.count()),
+        "rate_Hz": 1.0 / _step(time.to_numpy()) if not is_text(time) else np.nan,
         "min": float(finite.min()),
         "max": float(finite.max()),
         "first": float(finite.iloc[0]) if len(finite) else np.nan,
     }
+
+
+def _step(time: np.ndarray) -> float:
+    """Return the median step of time [s], nan if it does not go on."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+    return step if step > 0 else np.nan
 
 
 def runs_found(recording: Recording) -> list[dict[str, Any]]:
@@ -367,7 +374,7 @@ def runs_found(recording: Recording) -> list[dict[str, Any]]:
         if kind == "press":
             row["force_N"] = float(run["force_N"].abs().max())
         time = run["time_s"].to_numpy() if "time_s" in run else np.zeros(1)
-        step = float(np.median(np.diff(time))) if len(time) > 1 else np.nan
+        step = _step(time)
         row |= {
             "duration_s": float(time[-1] - time[0]),
             "samples": len(run),

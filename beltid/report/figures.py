@@ -331,12 +331,17 @@ def _cut(axes: Any, belts: Sequence[BeltResults], along: str, across: str) -> tu
 @chart("averaged:{name}", "Measured against simulated (Fig. 17)", HELD_OUT, *COMPARED)
 def _averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     data = _columns(sheet.rows("averaged"), f"{sheet.name}.parquet has no means over the arcs")
+    # the scatter over the arcs of the runs of each mean
+    names = ("nominal_tension_N", "pulley_speed_rad_s")
+    away = sum(np.abs(np.nan_to_num(sheet[n][:, None] / data[n] - 1.0)) for n in names)
+    of = [sheet["mu_measured"][np.argmin(away, axis=1) == k] for k in range(data[FORCE].size)]
+    data["se"] = np.array([np.std(x, ddof=1) / x.size**0.5 if x.size > 1 else np.nan for x in of])
     data[SPEED] = np.abs(data["pulley_speed_rad_s"]) * sheet.pulley_radius_m  # in either sense
-    said, band = "Squares: measured; circles: simulated", ""
+    said, band = "Squares: measured, with two standard errors; circles: simulated", ""
     if surface := results.get(dict(zip(COMPARED, SURFACES, strict=True)).get(sheet.name, "")):
         band, data["band"] = "band", surface.surface.mu_se_at(data[FORCE], data[SPEED])
         said += f"; band: twice the {surface.mu_error[1]} of the surface"
-    over_force(axes, data, "mu_measured", marker="s", ls="none", ms=4)
+    over_force(axes, data, "mu_measured", "se", marker="s", ls="none", ms=4, capsize=2)
     over_force(axes, data, "mu_simulated", band=band, marker="o", mfc="none", ms=8, lw=1.4)
     axes.plot([], [], "s", color=charts.FAINT, label="measured")
     axes.plot([], [], "-o", color=charts.FAINT, mfc="none", ms=8, label="simulated")
@@ -372,7 +377,11 @@ def _differences(panels: Any, sheet: Sheet, results: BeltResults) -> str:
     below.set_ylabel("over its uncertainty [-]")
     for bound in (-2.0, 2.0):
         below.axhline(bound, color=charts.INK, lw=0.8, ls="--")
-    above.set_xlabel("")
+    if np.isfinite(below.dataLim.intervalx).all():
+        above.set_xlabel("")
+    else:
+        below.remove()
+        above.tick_params(labelbottom=True)
     return said
 
 

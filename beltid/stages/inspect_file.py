@@ -121,7 +121,8 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
                 "read_as": roles.get(channel.base),
                 **plain(ranges(channel)),
             }
-    return list(rows.values())
+    empty = [n for n in ("rate_Hz", "read_as") if not any(r[n] for r in rows.values())]
+    return [{n: v for n, v in row.items() if n not in empty} for row in rows.values()]
 
 
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
