@@ -69,10 +69,10 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
         )
     config, folder = _checked(read_source(Path(source))), Path(source).parent
     data = config.data.model_copy(
-        update={kind: folder / path for kind, path in config.data.files.items()}
+        update={kind: _shorten(folder / path) for kind, path in config.data.files.items()}
     )
     runs = {
-        kind: {**config.runs[kind], "table": folder / table}
+        kind: {**config.runs[kind], "table": _shorten(folder / table)}
         for kind, table in config.run_tables.items()
     }
     return config.model_copy(update={"data": data, "runs": config.runs | runs})
@@ -100,6 +100,12 @@ def _checked(source: Source) -> Config:
     raise ConfigError(
         [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
     )
+
+
+def _shorten(path: Path) -> Path:
+    """Shorten ``configs/../rigdata`` to ``rigdata``, unless a symbolic link makes them differ."""
+    short = os.path.normpath(path)
+    return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
 
 
 @dataclass(frozen=True, slots=True)
