@@ -37,7 +37,9 @@ MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 """Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""
 LENGTHS_M = np.geomspace(3e-4, 0.3, 20)  # lengths l_k of the exponentials of a tail
 FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in z: practically free
-POWER = 0.4  # standard deviation of the powers of the settings in the length of the tail
+OVER_TRAVEL, OVER_TIME, POWER = np.array([[0.0, 0.2, 0.2], [1.0, 0.2, 0.2], [0.2, 0.3, 0.3]])
+"""Usual powers of speed, tension and level in the length of a tail, which grows with the force that
+builds up, and their standard deviations."""
 SLOW = 3.0  # error of a mean by noise at rest over that while sliding, beyond which it is slow
 RUNS = 32  # evenly chosen runs that determine the sizes; more would add nothing
 FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run to that of its bench
@@ -86,7 +88,7 @@ class Bench:
 
     posterior: Posterior
 
-    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array, usual: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
@@ -136,7 +138,7 @@ class Bench:
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
-        self.powers, self.A, self.scale = np.zeros(3), np.exp(self.eta), np.ones(R)
+        self.usual, self.powers, self.A, self.scale = usual, usual, np.exp(self.eta), np.ones(R)
 
     def tails(self) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
@@ -152,8 +154,8 @@ class Bench:
         by_power = length[..., None] * self.settings[:, None]
         typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
         shared = [
-            Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
-            Shared("powers", by_power, Size(POWER), mean=-self.powers),
+            Shared("tail", columns, Size(1.0, 0.5), self.smooth, self.eta, positive=True),
+            Shared("powers", by_power, None, np.diag(POWER**-2.0), self.usual - self.powers),
             Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
@@ -167,7 +169,7 @@ class Bench:
                 Own(f"memory {tau:g} s", Size(0.5 * typical, 2.0), covariance=V)
                 for tau, V in zip(MEMORIES_S[:-1], self.memory[:-1], strict=True)
             ),
-            Own("walk", Size(4.0 * typical, 1.5), covariance=self.memory[-1]),
+            Own("walk", Size(2.0 * typical, 2.0), covariance=self.memory[-1]),
             Own("turn", Size(typical_z, 1.5), columns=self.turn),
             Own("own decay", Size(3e-3, 1.5), columns=self.decay),
             Own("height", Size(0.15, 1.0), columns=height),
@@ -261,11 +263,11 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     settings = log_settings(records)
     centre = settings.mean(axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
-    some = Bench([records[i] for i in chosen], centre)
+    some = Bench([records[i] for i in chosen], centre, OVER_TRAVEL)
     several = [some]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
         several.append(copy(some))
-        several[1].powers = np.array([1.0, 0.0, 0.0])
+        several[1].usual = several[1].powers = OVER_TIME
     for some in several:  # slow noise from above: a size that is too small has no slope
         some.search(
             {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}, FIRST_STEPS
@@ -273,7 +275,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     some = max(several, key=lambda some: some.posterior.log_evidence)
     some.search(some.posterior.sizes, STEPS)
     sizes, converged = some.posterior.sizes, some.posterior.converged
-    bench = some if len(chosen) == len(records) else Bench(records, centre)
+    bench = some if len(chosen) == len(records) else Bench(records, centre, some.usual)
     bench.powers, bench.A, bench.scale = some.powers, some.A, np.ones(len(records))
     for _ in range(2):
         bench.update(sizes)
@@ -281,7 +283,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     return bench
 
 
-CELL_ZEROS = ((1e-5, 0.5), (3e-4, 0.125), (1e-3, 0.125), (3e-3, 0.125), (1e-2, 0.125))
+CELL_ZEROS = ((1e-5, 0.7), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.05), (1e-2, 0.05))
 """Sizes of zeta over the median initial tension, with their probabilities."""
 HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))  # of h, g
 GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # of gamma, over what is stated
