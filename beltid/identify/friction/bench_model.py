@@ -283,7 +283,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     return bench
 
 
-CELL_ZEROS = ((1e-5, 0.7), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.05), (1e-2, 0.05))
+CELL_ZEROS = ((1e-5, 0.7), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1))
 """Sizes of zeta over the median initial tension, with their probabilities."""
 HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))  # of h, g
 GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # of gamma, over what is stated
