@@ -27,6 +27,7 @@ from copy import copy
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beltid.arrays import Array
 from beltid.identify.friction.prepare import SlidingRecord
@@ -51,6 +52,9 @@ RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 FIRST_STEPS, STEPS = 20, 100  # of the search for the sizes in the first turn, and in the second
+LOUD, UNLIKELY = 3.0, 3.0
+"""Slow noise with which a search begins, over its usual size; difference of the log evidence to the
+best model from which on a model does not count."""
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -88,7 +92,7 @@ class Bench:
 
     posterior: Posterior
 
-    def __init__(self, records: Sequence[SlidingRecord], centre: Array, usual: Array) -> None:
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
         self.records, self.settings = records, log_settings(records) - centre
         self.level = np.array([r.level for r in records])
@@ -138,7 +142,8 @@ class Bench:
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
-        self.usual, self.powers, self.A, self.scale = usual, usual, np.exp(self.eta), np.ones(R)
+        self.usual = self.powers = OVER_TRAVEL
+        self.A, self.scale = np.exp(self.eta), np.ones(R)
 
     def tails(self) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
@@ -231,19 +236,41 @@ class Bench:
         common = np.sum(change @ p.covariance * change, axis=1)
         return z, np.sqrt(np.maximum(variance, 0.0) + common)
 
-    @property
-    def shared(self) -> Array:
-        """Standard deviations of the levels by errors of tail and drifts, with sign (R, 2)."""
-        p, places = self.posterior, self.posterior.model.places
-        drifts = slice(places["zeros"].start, places["drift"].stop)
-        factor = root(p.covariance)
-        error = -p.level_shift @ factor
-        drift = -p.level_shift[:, drifts] @ factor[drifts]
+    def tried(self, usual: Array, memories: ArrayLike) -> "Bench":
+        """Return a model with such powers whose search began with slow noise of such memories."""
+        bench = copy(self)
+        bench.usual = bench.powers = usual
+        # a size that is too small may have no slope
+        start = {f"memory {tau:g} s": LOUD * self.slow_N for tau in np.asarray(memories)}
+        bench.search(start, FIRST_STEPS)
+        return bench
+
+    def as_found(self, other: "Bench") -> "Bench":
+        """Return the model of these runs with powers and sizes that were found for some of them."""
+        bench, found = copy(self), other.posterior
+        bench.usual, bench.powers, bench.A = other.usual, other.powers, other.A
+        for _ in range(2):
+            bench.update(found.sizes)
+        bench.posterior = bench.model().at(found.sizes, found.converged)
+        return bench
+
+    def average(self, several: "Sequence[Bench]", weights: Array) -> None:
+        """Set levels and their errors to the mean over several models of these runs."""
+        of_all, errors = [one.posterior for one in several], list[tuple[Array, Array]]()
+        self.mean = np.average([p.level for p in of_all], axis=0, weights=weights)
+        self.variance = np.average([p.level_variance for p in of_all], axis=0, weights=weights)
+        for p, part in zip(of_all, np.sqrt(weights), strict=True):
+            factor, places = part * root(p.covariance), p.model.places
+            drifts = slice(places["zeros"].start, places["drift"].stop)
+            away = part * (p.level - self.mean)[:, None]
+            by_drift = -p.level_shift[:, drifts] @ factor[drifts]
+            errors += [(-p.level_shift @ factor, by_drift), (away, np.zeros_like(away))]
+        error, drift = (np.hstack(columns) for columns in zip(*errors, strict=True))
         # one column stands for all directions: its sign is that of the correlation with the mean
         size = np.linalg.norm(error, axis=1)
         share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
-        return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
+        self.shared = size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
 
     @property
     def visible_drift(self) -> Array:
@@ -258,28 +285,34 @@ class Bench:
         return np.asarray(change + p.of("drift")[0][0] * self.level)
 
 
+def _likely(several: Sequence[Bench]) -> list[Bench]:
+    """Return the models that explain their runs nearly as well as the best."""
+    best = max(one.posterior.log_evidence for one in several)
+    return [one for one in several if one.posterior.log_evidence > best - UNLIKELY]
+
+
 def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
-    """Fit sizes to some runs, then levels and common effects to all."""
+    """Fit sizes to some runs, then levels and common effects to all.
+
+    Levels are averaged over what explains the records nearly as well as the best model, which is
+    returned: noise of another memory, or a tail over time.
+    """
     settings = log_settings(records)
-    centre = settings.mean(axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
-    some = Bench([records[i] for i in chosen], centre, OVER_TRAVEL)
-    several = [some]
-    if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
-        several.append(copy(some))
-        several[1].usual = several[1].powers = OVER_TIME
-    for some in several:  # slow noise from above: a size that is too small has no slope
-        some.search(
-            {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}, FIRST_STEPS
-        )
-    some = max(several, key=lambda some: some.posterior.log_evidence)
-    some.search(some.posterior.sizes, STEPS)
-    sizes, converged = some.posterior.sizes, some.posterior.converged
-    bench = some if len(chosen) == len(records) else Bench(records, centre, some.usual)
-    bench.powers, bench.A, bench.scale = some.powers, some.A, np.ones(len(records))
-    for _ in range(2):
-        bench.update(sizes)
-    bench.posterior = bench.model().at(sizes, converged)
+    everything = Bench(records, settings.mean(axis=0))
+    some = everything
+    if len(chosen) < len(records):
+        some = Bench([records[i] for i in chosen], settings.mean(axis=0))
+    both = (OVER_TRAVEL, OVER_TIME)[: 1 + int(np.ptp(settings[:, 0]) > 0.05)]
+    several = _likely([some.tried(usual, MEMORIES_S[:-1]) for usual in both])
+    several = _likely([*several, *(some.tried(one.usual, ()) for one in several)])
+    for one in several:
+        one.search(one.posterior.sizes, STEPS)
+    evidence = np.array([one.posterior.log_evidence for one in several])
+    if some is not everything:
+        several = [everything.as_found(one) for one in several]
+    bench = several[int(np.argmax(evidence))]
+    bench.average(several, np.exp(evidence - np.logaddexp.reduce(evidence)))
     return bench
 
 
