@@ -163,11 +163,11 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     x = np.array([0.006, 0.01, 0.03])
     true = level * (0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
     # travel counts from the end of the build-up, a ninth further than its nine tenths
-    shift = 0.01 * 0.02 * 9 / 0.9
-    z, error = found.course(0, x - shift)
+    z, error = found.course(0, x - 0.01 * 0.02 * 9 / 0.9)
     assert np.all(np.abs(z - level - true) < 3.0 * error)
     assert np.all(error < 3e-3)
     columns = found.posterior.level_shift @ root(found.posterior.covariance)
+    columns = np.hstack([columns, found.doubt])
     np.testing.assert_allclose(np.sum(found.shared**2, axis=1), np.sum(columns**2, axis=1))
 
 

@@ -27,7 +27,6 @@ from copy import copy
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from beltid.arrays import Array
 from beltid.identify.friction.prepare import SlidingRecord
@@ -41,20 +40,15 @@ FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in 
 OVER_TRAVEL, OVER_TIME, POWER = np.array([[0.0, 0.2, 0.2], [1.0, 0.2, 0.2], [0.2, 0.3, 0.3]])
 """Usual powers of speed, tension and level in the length of a tail, which grows with the force that
 builds up, and their standard deviations."""
-SLOW = 3.0  # error of a mean by noise at rest over that while sliding, beyond which it is slow
 RUNS = 32  # evenly chosen runs that determine the sizes; more would add nothing
 FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run to that of its bench
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities; the same
-of friction released and of relaxation at rest [1/s], of a drift of mu, of slow decays [-]."""
-RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
-RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
+of friction released and relaxation at rest [1/s], of a drift of mu, of slow decays [-]."""
+RELEASE = ((1e-6, 0.95), (2e-3, 0.05))
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 FIRST_STEPS, STEPS = 20, 100  # of the search for the sizes in the first turn, and in the second
-LOUD, UNLIKELY = 3.0, 3.0
-"""Slow noise with which a search begins, over its usual size; difference of the log evidence to the
-best model from which on a model does not count."""
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -91,6 +85,8 @@ class Bench:
     """
 
     posterior: Posterior
+    mean: Array  # of the levels over the likely models of these runs, (R,)
+    doubt: Array  # their errors by the choice of one, (R, k)
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
@@ -136,8 +132,7 @@ class Bench:
         self.typical_N = float(np.median([r.noise_N for r in records] / np.sqrt(n)))
         # noise that is slower than the sliding shows at rest only
         at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
-        slow_N = float(np.median(at_rest / np.sqrt(n)))
-        self.slow_N = slow_N if slow_N > SLOW * self.typical_N else self.typical_N
+        self.slow_N = max(float(np.median(at_rest / np.sqrt(n))), self.typical_N)
         log_l, longest = np.log(LENGTHS_M), max(float(r.travel[-1]) for r in records)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
@@ -164,8 +159,7 @@ class Bench:
             Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
-            Shared("release", self.rest[..., :1], choices=RELEASE),
-            Shared("relaxation", self.rest[..., 1:], choices=RELAXATION),
+            Shared("release", self.rest, choices=RELEASE),
         ]
         own = [
             Own("free", Size(1.0), covariance=self.fixed),
@@ -194,8 +188,7 @@ class Bench:
     def search(self, sizes: Mapping[str, float], steps: int) -> None:
         """Improve the shape of the tail and the noise of the runs, then the sizes."""
         for _ in range(2):
-            powers = self.powers + self.update(sizes).of("powers")[0]
-            self.powers = np.clip(powers, -1.5, 1.5)
+            self.powers = self.powers + self.update(sizes).of("powers")[0]
         self.posterior = self.model().fit(start=sizes, steps=steps, tolerance=1e-6)
 
     def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
@@ -236,41 +229,20 @@ class Bench:
         common = np.sum(change @ p.covariance * change, axis=1)
         return z, np.sqrt(np.maximum(variance, 0.0) + common)
 
-    def tried(self, usual: Array, memories: ArrayLike) -> "Bench":
-        """Return a model with such powers whose search began with slow noise of such memories."""
-        bench = copy(self)
-        bench.usual = bench.powers = usual
-        # a size that is too small may have no slope
-        start = {f"memory {tau:g} s": LOUD * self.slow_N for tau in np.asarray(memories)}
-        bench.search(start, FIRST_STEPS)
-        return bench
-
-    def as_found(self, other: "Bench") -> "Bench":
-        """Return the model of these runs with powers and sizes that were found for some of them."""
-        bench, found = copy(self), other.posterior
-        bench.usual, bench.powers, bench.A = other.usual, other.powers, other.A
-        for _ in range(2):
-            bench.update(found.sizes)
-        bench.posterior = bench.model().at(found.sizes, found.converged)
-        return bench
-
-    def average(self, several: "Sequence[Bench]", weights: Array) -> None:
-        """Set levels and their errors to the mean over several models of these runs."""
-        of_all, errors = [one.posterior for one in several], list[tuple[Array, Array]]()
-        self.mean = np.average([p.level for p in of_all], axis=0, weights=weights)
-        self.variance = np.average([p.level_variance for p in of_all], axis=0, weights=weights)
-        for p, part in zip(of_all, np.sqrt(weights), strict=True):
-            factor, places = part * root(p.covariance), p.model.places
-            drifts = slice(places["zeros"].start, places["drift"].stop)
-            away = part * (p.level - self.mean)[:, None]
-            by_drift = -p.level_shift[:, drifts] @ factor[drifts]
-            errors += [(-p.level_shift @ factor, by_drift), (away, np.zeros_like(away))]
-        error, drift = (np.hstack(columns) for columns in zip(*errors, strict=True))
+    @property
+    def shared(self) -> Array:
+        """Standard deviations of the levels by errors of tail and drifts, with sign (R, 2)."""
+        p, places = self.posterior, self.posterior.model.places
+        drifts = slice(places["zeros"].start, places["drift"].stop)
+        factor = root(p.covariance)
+        error = -p.level_shift @ factor
+        drift = np.sum(error * (-p.level_shift[:, drifts] @ factor[drifts]), axis=1)
         # one column stands for all directions: its sign is that of the correlation with the mean
+        error = np.hstack([error, self.doubt])
         size = np.linalg.norm(error, axis=1)
-        share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
+        share = np.clip(drift / np.maximum(size**2, 1e-300), 0.0, 1.0)
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
-        self.shared = size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
+        return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
 
     @property
     def visible_drift(self) -> Array:
@@ -285,34 +257,41 @@ class Bench:
         return np.asarray(change + p.of("drift")[0][0] * self.level)
 
 
-def _likely(several: Sequence[Bench]) -> list[Bench]:
-    """Return the models that explain their runs nearly as well as the best."""
-    best = max(one.posterior.log_evidence for one in several)
-    return [one for one in several if one.posterior.log_evidence > best - UNLIKELY]
-
-
 def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
-    """Fit sizes to some runs, then levels and common effects to all.
+    """Fit sizes to some runs, then levels and common effects to all; return the best model.
 
-    Levels are averaged over what explains the records nearly as well as the best model, which is
-    returned: noise of another memory, or a tail over time.
+    Of few runs, levels are averaged over all models that explain them nearly as well: noise of
+    another memory, or a tail over time. Of many, one model stands out.
     """
-    settings = log_settings(records)
-    chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
-    everything = Bench(records, settings.mean(axis=0))
-    some = everything
-    if len(chosen) < len(records):
-        some = Bench([records[i] for i in chosen], settings.mean(axis=0))
-    both = (OVER_TRAVEL, OVER_TIME)[: 1 + int(np.ptp(settings[:, 0]) > 0.05)]
-    several = _likely([some.tried(usual, MEMORIES_S[:-1]) for usual in both])
-    several = _likely([*several, *(some.tried(one.usual, ()) for one in several)])
+    settings, several = log_settings(records), list[Bench]()
+    centre, count = settings.mean(axis=0), min(len(records), RUNS)
+    few, chosen = count == len(records), np.linspace(0, len(records) - 1, count).astype(int)
+    some = Bench([records[i] for i in chosen], centre)
+    for usual in (OVER_TRAVEL, OVER_TIME)[: 1 + int(np.ptp(settings[:, 0]) > 0.05)]:
+        # slow noise from above, too: a size that is too small may have no slope
+        for memories in (MEMORIES_S[:-1], ())[: 1 + few]:
+            several.append(copy(some))
+            several[-1].usual = several[-1].powers = usual
+            start = {f"memory {tau:g} s": 3.0 * some.slow_N for tau in memories}
+            several[-1].search(start, FIRST_STEPS)
+    if not few:
+        several = [max(several, key=lambda one: one.posterior.log_evidence)]
     for one in several:
         one.search(one.posterior.sizes, STEPS)
-    evidence = np.array([one.posterior.log_evidence for one in several])
-    if some is not everything:
-        several = [everything.as_found(one) for one in several]
-    bench = several[int(np.argmax(evidence))]
-    bench.average(several, np.exp(evidence - np.logaddexp.reduce(evidence)))
+    bench = max(several, key=lambda one: one.posterior.log_evidence)
+    if not few:
+        some, bench = bench, Bench(records, centre)
+        bench.usual, bench.powers, bench.A = some.usual, some.powers, some.A
+        sizes, converged = some.posterior.sizes, some.posterior.converged
+        for _ in range(2):
+            bench.update(sizes)
+        bench.posterior = bench.model().at(sizes, converged)
+        several = [bench]
+    evidence = [one.posterior.log_evidence for one in several]
+    weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+    levels = np.column_stack([one.posterior.level for one in several])
+    bench.mean = levels @ weights
+    bench.doubt = (levels - bench.mean[:, None]) * np.sqrt(weights)
     return bench
 
 
@@ -321,9 +300,8 @@ CELL_ZEROS = ((1e-5, 0.7), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1))
 HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))  # of h, g
 GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))  # of gamma, over what is stated
 OWN_SIZE = Size(5e-4, 1.5)  # of w, over the median initial tension, and of f
-SETTINGS, ARCS, SCATTER = 0.3, 0.03, Size(3e-3, 1.0)
-"""How mu of the runs in both directions may change: powers of tension and speed, between the arcs,
-from run to run (relative)."""
+# how mu of the runs in both directions may change: powers of tension and speed, from run to run
+SETTINGS, SCATTER = 0.3, Size(3e-3, 1.0)
 NOTED = 0.003  # ratio of correction to initial tension above which a note mentions it
 
 
@@ -404,13 +382,11 @@ def _gain_by_directions(
     speed = np.array([run.pulley_speed_rad_s for run in runs])
     log_mu = np.log(np.maximum(level, 1e-6) / arc)
     x, v = (np.log(a) - np.log(a).mean() for a in (T, speed))
-    arcs = (np.round(arc, 3)[:, None] == np.unique(np.round(arc, 3))).astype(float)
     model = Mixed(
         log_mu,
         [
             Shared("mean", np.ones((x.size, 1))),
             Shared("powers", np.column_stack([x, v, x**2, v**2, x * v]), Size(SETTINGS)),
-            Shared("arcs", arcs, Size(ARCS)),
             Shared("gain", (d / level)[:, None], choices=gains),
         ],
         [

@@ -35,7 +35,6 @@ from beltid.identify.estimators import (
     strongest_line,
 )
 from beltid.identify.friction.run import (
-    PERFECT,
     SPANS,
     RunRecord,
     RunReduction,
@@ -106,8 +105,6 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
         f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
         f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %",
     )
-    if rotation.speed_rad_s < 0.0 and not kind.running:
-        run.notes += ("the pulley speed is negative: its magnitude is used",)
     if abs(change) > SPEED_CHANGE_NOTED:
         run.notes += (f"the pulley speed changes by {100 * change:+.2g} %",)
     if channels.time_s.size - rotation.end > 2:
@@ -178,15 +175,13 @@ def read_channels(record: RunRecord, run: RunReduction) -> tuple[RunRecord, Arra
     t, tensions, kind = record.time_s, record.tensions.copy(), record.kind
     reject(t.size < 2, f"too short: {t.size} samples")
     reject(t[-1] <= t[0], f"time_s stands still at {t[0]:g} s")
-    cells = kind.cells if kind.measures == "two_cells" and not kind.running else PERFECT
-    last = [c.reading(x[-2 * BLOCKS :]) for c, x in zip(cells, tensions.T, strict=True)]
-    step, rounding_N = resolution(*last), np.zeros(2)
+    step, rounding_N = resolution(*tensions[-2 * BLOCKS :].T), np.zeros(2)
     spikes = np.zeros(tensions.shape, dtype=bool)
-    for k, (span, cell) in enumerate(zip(SPANS, cells, strict=True)):
+    for k, span in enumerate(SPANS):
         if span != kind.weight:
             x, spikes[:, k] = _tension(tensions[:, k], f"tension_{span}_N")
             tensions[:, k], noise = x, difference_sigma(x[np.isfinite(x)][-2 * BLOCKS :])
-            rounding_N[k] = rounding_of_mean(noise, cell.gain * step)
+            rounding_N[k] = rounding_of_mean(noise, step)
     run.n_spikes = int(np.count_nonzero(spikes.any(axis=1)))
     run.n_missing = int(np.count_nonzero(np.any(~(np.isfinite(tensions) | spikes), axis=1)))
     columns = [_untied(t), tensions, _speed(t, record.speed), record.temperature]

@@ -9,9 +9,7 @@ Rows of a table, plateaus without rest and build-up, give one coefficient each b
 resolution r of the force replaces the scatter: ``r / sqrt(12)`` of a uniform distribution.
 """
 
-import itertools
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -72,8 +70,8 @@ def reduce_plateaus(
         omega, slip = (table[name] for name in SPEEDS)
         table["pulley_speed_rad_s"] = np.where(np.isfinite(omega), omega, slip / R)
     names = [str(name) for name in columns["run"]]
-    rows_of = {name: itertools.count(1) for name, rows in Counter(names).items() if rows > 1}
-    label = [f"{name}-{next(rows_of[name])}" if name in rows_of else name for name in names]
+    if len(set(names)) < n:
+        names = [f"{name}-{row}" for row, name in enumerate(names, 1)]
     table |= {name: columns[name] for name in ("idle", *TEXTS) if name in columns}
     table["run"] = np.arange(n).astype(str)
     if direct:  # the tensions do not count
@@ -87,7 +85,7 @@ def reduce_plateaus(
     for record, row, se in zip(records, rows, ses.tolist(), strict=True):
         run = record.result
         mu, N, speed, v, temperature = (float(table[name][row]) for name in OF_ROW)
-        run.run, run.n_samples, run.temperature_degC = label[row], 1, temperature
+        run.run, run.n_samples, run.temperature_degC = names[row], 1, temperature
         run.initial_tension_N, run.mu_sticking_reason = run.nominal_tension_N, ""
         run.pulley_speed_rad_s = abs(speed)
         run.slip_speed_m_s = abs(sliding_speed(float(record.speed[0]), R) if np.isnan(v) else v)
@@ -223,7 +221,7 @@ def _reduce_together(
     # of the tension, from the mean over the rest to its end
     relaxed = float(np.median([r.rest.end_N / r.rest.tension_N for r in records]))
     level, drift = bench.mean, bench.visible_drift
-    own = bench.variance + np.square([record.rounding for record in records])
+    own = bench.posterior.level_variance + np.square([record.rounding for record in records])
     errors, variance, common = cell_errors(
         runs, records, level, np.sqrt(own), gain_rel, free_at_rest
     )
@@ -297,7 +295,7 @@ def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -
     is_large = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
-    own = math.sqrt(bench.variance[k]) / y
+    own = math.sqrt(bench.posterior.level_variance[k]) / y
     error = math.hypot(own, run.shared_tail, run.shared_drift)
     reject(
         bench.scale.size >= FEWEST_FOR_MISFIT and is_large,

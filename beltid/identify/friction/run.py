@@ -59,10 +59,6 @@ class KnownCell:
         reading = np.asarray(reading_N, dtype=float)
         return self.gain * (np.where(reading == 0.0, np.nan, reading) - self.tare_N)
 
-    def reading(self, tension_N: Array) -> Array:
-        """Convert back to the readings of the cell [N], whose steps begin at zero."""
-        return tension_N / self.gain + self.tare_N
-
 
 PERFECT = (KnownCell(), KnownCell())
 
