@@ -34,7 +34,7 @@ from press_bench import Bench  # noqa: E402
 from virtual_bench import SMALL, Design, repetition  # noqa: E402
 
 PAGE = ROOT / "docs" / "coverage.md"
-DRAWS = {1: 12, 5: 12, 20: 6, 120: 1}
+DRAWS = {1: 12, 5: 10, 20: 4, 120: 1}
 """Runs reduced together, and benches of so many that are drawn of each row."""
 OF_SLACK_ZERO = ("zero of the slack", "both zeros drift")
 """Benches whose error one run cannot show: its rest is too short."""

@@ -31,7 +31,7 @@ ROWS = (
 )
 MODULES = (bench_model, prepare, reduction)
 CONSTANTS = (
-    *("POWER", "ZEROS", "RELEASE", "DRIFT", "DECAY", "FREE", "FREEDOM"),
+    *("POWER", "ZEROS", "RELEASE", "RELAXATION", "DRIFT", "DECAY", "FREE", "FREEDOM"),
     *("CELL_ZEROS", "HELD", "OWN_SIZE", "GAINS", "SETTINGS", "SCATTER", "OUTLIER", "SPIKE"),
     *("MAX_ERROR", "MAX_DRIFT", "MAX_TAIL", "MAX_MISFIT", "MAX_NOISE_RATIO"),
 )

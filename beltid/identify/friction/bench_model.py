@@ -45,7 +45,8 @@ FREEDOM = 20.0  # degrees of freedom of the prior that ties the noise of a run t
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities; the same
 of friction released and relaxation at rest [1/s], of a drift of mu, of slow decays [-]."""
-RELEASE = ((1e-6, 0.95), (2e-3, 0.05))
+RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
+RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 FIRST_STEPS, STEPS = 20, 100  # of the search for the sizes in the first turn, and in the second
@@ -159,7 +160,8 @@ class Bench:
             Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
-            Shared("release", self.rest, choices=RELEASE),
+            Shared("release", self.rest[..., :1], choices=RELEASE),
+            Shared("relaxation", self.rest[..., 1:], choices=RELAXATION),
         ]
         own = [
             Own("free", Size(1.0), covariance=self.fixed),
@@ -260,8 +262,7 @@ class Bench:
 def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     """Fit sizes to some runs, then levels and common effects to all; return the best model.
 
-    Of few runs, levels are averaged over all models that explain them nearly as well: noise of
-    another memory, or a tail over time. Of many, one model stands out.
+    Levels of few runs are averaged over other noise, or a tail over time; of many, one stands out.
     """
     settings, several = log_settings(records), list[Bench]()
     centre, count = settings.mean(axis=0), min(len(records), RUNS)
@@ -282,10 +283,9 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     if not few:
         some, bench = bench, Bench(records, centre)
         bench.usual, bench.powers, bench.A = some.usual, some.powers, some.A
-        sizes, converged = some.posterior.sizes, some.posterior.converged
         for _ in range(2):
-            bench.update(sizes)
-        bench.posterior = bench.model().at(sizes, converged)
+            bench.update(some.posterior.sizes)
+        bench.posterior = bench.model().at(some.posterior.sizes, some.posterior.converged)
         several = [bench]
     evidence = [one.posterior.log_evidence for one in several]
     weights = np.exp(evidence - np.logaddexp.reduce(evidence))
