@@ -130,6 +130,7 @@ def test_what_a_run_survives_is_reported() -> None:
     assert any("swapped" in note for note in after["swapped"].notes)
     assert after["swapped"].tension_tight_N > after["swapped"].tension_slack_N
     assert after["backwards"].pulley_speed_rad_s > 0.2
+    assert any("negative" in note for note in after["backwards"].notes)
     for fault, n_missing in (("short drop-out", 25), ("nan burst", 40)):
         assert after[fault].n_missing == n_missing
     assert after["half signal"].n_spikes == 20

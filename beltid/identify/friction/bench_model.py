@@ -153,7 +153,7 @@ class Bench:
         columns, slopes = self.tails()
         height, length = columns @ self.A, slopes @ self.A
         by_power = length[..., None] * self.settings[:, None]
-        typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
+        typical_z = self.typical_N * float(np.median(self.c / self.level))
         shared = [
             Shared("tail", columns, Size(1.0, 0.5), self.smooth, self.eta, positive=True),
             Shared("powers", by_power, None, np.diag(POWER**-2.0), self.usual - self.powers),
@@ -167,10 +167,10 @@ class Bench:
             Own("free", Size(1.0), covariance=self.fixed),
             Own("white", Size(1.0, 0.15), diagonal=self.white),
             *(
-                Own(f"memory {tau:g} s", Size(0.5 * typical, 2.0), covariance=V)
+                Own(f"memory {tau:g} s", Size(0.5 * self.slow_N, 2.0), covariance=V)
                 for tau, V in zip(MEMORIES_S[:-1], self.memory[:-1], strict=True)
             ),
-            Own("walk", Size(2.0 * typical, 2.0), covariance=self.memory[-1]),
+            Own("walk", Size(2.0 * self.slow_N, 2.0), covariance=self.memory[-1]),
             Own("turn", Size(typical_z, 1.5), columns=self.turn),
             Own("own decay", Size(3e-3, 1.5), columns=self.decay),
             Own("height", Size(0.15, 1.0), columns=height),
@@ -271,10 +271,10 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     for usual in (OVER_TRAVEL, OVER_TIME)[: 1 + int(np.ptp(settings[:, 0]) > 0.05)]:
         # slow noise from above, too: a size that is too small may have no slope
         for memories in (MEMORIES_S[:-1], ())[: 1 + few]:
-            several.append(copy(some))
-            several[-1].usual = several[-1].powers = usual
-            start = {f"memory {tau:g} s": 3.0 * some.slow_N for tau in memories}
-            several[-1].search(start, FIRST_STEPS)
+            trial = copy(some)
+            trial.usual = trial.powers = usual
+            trial.search({f"memory {tau:g} s": 3.0 * some.slow_N for tau in memories}, FIRST_STEPS)
+            several.append(trial)
     if not few:
         several = [max(several, key=lambda one: one.posterior.log_evidence)]
     for one in several:
@@ -378,9 +378,8 @@ def _gain_by_directions(
     gains: Sequence[tuple[float, float]],
 ) -> tuple[float, float]:
     """Return the difference of the gains and its error from ln mu over the settings."""
-    arc = np.radians([run.arc_deg for run in runs])
     speed = np.array([run.pulley_speed_rad_s for run in runs])
-    log_mu = np.log(np.maximum(level, 1e-6) / arc)
+    log_mu = np.log(np.maximum(level, 1e-6) / np.radians([run.arc_deg for run in runs]))
     x, v = (np.log(a) - np.log(a).mean() for a in (T, speed))
     model = Mixed(
         log_mu,

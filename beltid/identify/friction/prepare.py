@@ -105,6 +105,8 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
         f"the pulley speed is not steady: it changes by {100 * change:+.3g} %, "
         f"allowed is {100 * SPEED_CHANGE_ALLOWED:g} %",
     )
+    if rotation.speed_rad_s < 0.0 and not kind.running:
+        run.notes += ("the pulley speed is negative: its magnitude is used",)
     if abs(change) > SPEED_CHANGE_NOTED:
         run.notes += (f"the pulley speed changes by {100 * change:+.2g} %",)
     if channels.time_s.size - rotation.end > 2:
@@ -119,8 +121,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
     half = 0.5 * rest.imbalance_N
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
-        W = float(channels.tensions[0, SPANS.index(weight)])
-        rest.tension_N, rest.end_N = W, W
+        rest.tension_N = rest.end_N = float(channels.tensions[0, SPANS.index(weight)])
         rest.imbalance_N, rest.imbalance_se_N = 0.0, 0.0
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
