@@ -9,6 +9,7 @@ term of the model of a bench where it is built; the table of docs/theory.md has 
 import argparse
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -16,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 from beltid.identify.friction import bench_model, prepare, reduction
-from beltid.mixed import Own, Size
+from beltid.mixed import Own, Shared, Size
 from benchmarks import table
 from benchmarks.coverage import DRAWS, friction
 
@@ -36,8 +37,8 @@ CONSTANTS = (
     *("MAX_ERROR", "MAX_DRIFT", "MAX_TAIL", "MAX_MISFIT", "MAX_NOISE_RATIO"),
 )
 TERMS = (
-    *("white", *(f"memory {tau:g} s" for tau in bench_model.MEMORIES_S[:-1]), "walk", "turn"),
-    *("own decay", "height", "length", "rest"),
+    *("tail", "white", *(f"memory {tau:g} s" for tau in bench_model.MEMORIES_S[:-1])),
+    *("walk", "turn", "own decay", "height", "length", "rest"),
 )
 INTRODUCTION = """# Priors, doubled
 
@@ -65,15 +66,16 @@ def doubled(name: str) -> Any:
         (module,) = [one for one in MODULES if hasattr(one, name)]
         return patch.object(module, name, twice(getattr(module, name)))
 
-    def larger(term: str, size: Size, **shape: Any) -> Own:
-        return Own(term, twice(size) if term == name else size, **shape)
+    def larger(of: type, term: str, *rest: Any, **shape: Any) -> Any:
+        more = (twice(x) if term == name and isinstance(x, Size) else x for x in rest)
+        return of(term, *more, **shape)
 
-    return patch.object(bench_model, "Own", larger)
+    return patch.multiple(bench_model, **{of.__name__: partial(larger, of) for of in (Own, Shared)})
 
 
 def study(n: int, first: int) -> np.ndarray:
     """RMS errors of the rows, and shares of intervals that hold [%], (2, rows)."""
-    found = [friction(row, n, first, 1) for row in ROWS]
+    found = [friction(row, n, first) for row in ROWS]
     return np.array([(one.rms, one.covered) for one in found]).T
 
 

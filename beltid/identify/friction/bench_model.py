@@ -17,9 +17,9 @@ The difference of the cells of run r at rest (tight less slack), and the error o
 
 with zeros zeta of all runs and w of one, gains that differ by gamma, and shares of the tension that
 friction holds at rest: h in all runs towards the span that will pull, g towards one side of the
-bench, f in each. d = -1 where the pulley turns the other way. So the rest shows zeros, but no gain,
-unless the belt was rocked free (`free_at_rest`); runs in both directions show it. The sizes, and
-why they are as they are: docs/theory.md.
+bench, f in each; w or f is zero, and both models are averaged. d = -1 where the pulley turns the
+other way. So the rest shows zeros, but no gain, unless the belt was rocked free (`free_at_rest`);
+runs in both directions show it. The sizes, and why they are as they are: docs/theory.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -275,8 +275,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
             trial.usual = trial.powers = usual
             trial.search({f"memory {tau:g} s": 3.0 * some.slow_N for tau in memories}, FIRST_STEPS)
             several.append(trial)
-    if not few:
-        several = [max(several, key=lambda one: one.posterior.log_evidence)]
+    several = several if few else [max(several, key=lambda one: one.posterior.log_evidence)]
     for one in several:
         one.search(one.posterior.sizes, STEPS)
     bench = max(several, key=lambda one: one.posterior.log_evidence)
@@ -333,39 +332,39 @@ def cell_errors(
         shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
     elif free_at_rest:
         shared.append(Shared("gain", (d * T)[:, None], choices=gains))
-    own = [
-        Own("noise", Size(1.0), diagonal=noise),
-        Own("own zero", OWN_SIZE, diagonal=np.full(D.size, unit)),
-    ]
-    if not free_at_rest:
-        directions = [T, d * T] if both_ways else [T]
-        held = [Shared(f"held {k}", x[:, None], choices=HELD) for k, x in enumerate(directions)]
-        shared, own = [*shared, *held], [*own, Own("own held", OWN_SIZE, diagonal=T)]
-    model = Mixed(D, shared, own)
-    posterior = model.fit()
-    own_zero_N = posterior.sizes["own zero"] * unit
-    own_held_N = posterior.sizes.get("own held", 0.0) * T
-    part = own_zero_N**2 / (np.square(noise) + own_zero_N**2 + own_held_N**2)
-    zeta = posterior.mean[0] * unit
-    zeros = zeta + d * part * posterior.residual[0]
+    held = [] if free_at_rest else [T, d * T][: 1 + both_ways]
+    shared += [Shared(f"held {k}", x[:, None], choices=HELD) for k, x in enumerate(held)]
     inverse = 1.0 / np.array([record.tensions_N for record in records])
     q, q_common = 0.5 * inverse.sum(axis=1), 0.5 * (inverse[:, 1] - inverse[:, 0])
-    # changes of e by the coefficients: through zeta, and through w, which the residual gives
-    slopes, gain = -(q * part)[:, None] * model.X[0], 0.0
-    slopes[:, 0] += d * q * unit
-    if "gain" in model.places:
-        gain = float(posterior.of("gain")[0][0])
-        slopes[:, 1] += d
-    # the common error of both zeros has the size of their difference
-    zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
-    columns = np.column_stack([slopes @ root(posterior.covariance), q_common * zero_size])
-    mean = d * (q * zeros + gain)
-    variance = own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2)
-    common = np.where(mean < 0.0, -1.0, 1.0) * np.linalg.norm(columns, axis=1)
+    # changes of e by the coefficients; the second is that of the gain where it can be seen
+    effect = np.zeros((D.size, len(shared)))
+    effect[:, 0], effect[:, 1] = d * q * unit, d * (both_ways or free_at_rest)
+    evidence, found = list[float](), list[Array]()
+    # what differs from run to run is zeros, or else friction that is held
+    for zeros_differ in (True, False)[: 1 + (not free_at_rest)]:
+        own = Own("own", OWN_SIZE, diagonal=unit * np.ones(D.size) if zeros_differ else T)
+        posterior = Mixed(D, shared, [Own("noise", Size(1.0), diagonal=noise), own]).fit()
+        own_N = posterior.sizes["own"] * unit * zeros_differ
+        part = own_N**2 / (np.square(noise) + own_N**2)
+        # errors by the coefficients change the residual, too, from which w follows
+        slopes = effect - (q * part)[:, None] * posterior.model.X[0]
+        # the common error of both zeros has the size of their difference
+        square = (posterior.mean[0] ** 2 + posterior.covariance[0, 0]) * unit**2
+        zeros = posterior.mean[0] * unit + d * part * posterior.residual[0]
+        mean = effect @ posterior.mean + q * part * posterior.residual[0]
+        variance = own_N**2 * (q**2 * (1.0 - part) + q_common**2)
+        common = np.sum((slopes @ root(posterior.covariance)) ** 2, axis=1) + q_common**2 * square
+        evidence.append(posterior.log_evidence)
+        found.append(np.array([mean, zeros, variance, common]))
+    weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+    mean, zeros, variance, common = np.tensordot(weights, found, 1)
+    variance = variance + weights @ np.square([one[0] - mean for one in found])
+    common = np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(common)
+    gain = float((d * mean - q * zeros)[0])
     held_shares = (D - d * (zeros + gain * T)) / T
     for run, share, zero_N, T_0 in zip(runs, held_shares.tolist(), zeros, T, strict=True):
         run.held = share
-        run.notes += _notes(zero_N, T_0, zeta, own_zero_N, gain)
+        run.notes += _notes(zero_N, T_0, float(np.mean(zeros)), float(np.std(zeros)), gain)
     return mean, variance, common
 
 
