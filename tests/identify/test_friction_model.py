@@ -19,30 +19,17 @@ from beltid.identify.friction.bench_model import (
 from beltid.identify.friction.prepare import Rest, SlidingRecord, block_starts
 from beltid.mixed import root
 
-# --- noise of block means ---
-
-BLOCKS = [(0.0, 1), (0.02, 1), (0.04, 3), (0.10, 7), (0.24, 20)]
-"""First time and number of samples of each block; 50 samples per second."""
-
-
-def sample_times():
-    return [first + 0.02 * np.arange(n) for first, n in BLOCKS]
-
-
-def mean_product(s, t, tau):
-    return float(np.mean(np.exp(-np.abs(s[:, None] - t[None, :]) / tau)))
-
 
 def test_covariance_of_block_means_is_the_mean_over_pairs_of_samples():
     memories = np.array([0.005, 0.06, 0.5, 20.0, 1e5])
-    times = sample_times()
-    first, last = np.array([(t[0], t[-1]) for t in times]).T
-    found = block_covariance(first, last, np.array([float(n) for _, n in BLOCKS]), memories)
-    expected = [[[mean_product(s, t, tau) for t in times] for s in times] for tau in memories]
+    times = [0.02 * np.arange(a, b) for a, b in ((0, 1), (1, 2), (2, 5), (5, 12), (12, 32))]
+    first, last, count = np.array([(t[0], t[-1], t.size) for t in times]).T
+    found = block_covariance(first, last, count, memories)
+    expected = [
+        [[np.mean(np.exp(-np.abs(s[:, None] - t) / tau)) for t in times] for s in times]
+        for tau in memories
+    ]
     np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
-# --- the record of a run ---
 
 
 @pytest.mark.parametrize("n", [1, 2, 9, 255, 256, 257, 600, 5000, 60_000])
@@ -135,10 +122,9 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     u = record.travel[:, None] / LENGTHS_M
     own = record.level * np.column_stack([np.exp(-u) @ A, (u * np.exp(-u)) @ A])
     V += own * [0.15**2, 0.1**2] @ own.T
-    one = np.ones(record.z.size)
-    precision = one @ np.linalg.solve(V, one)
+    precision = np.linalg.inv(V).sum()
     residual = record.z - c * bench.model().X[0, 2:] @ found.mean
-    assert found.level[0] == pytest.approx(one @ np.linalg.solve(V, residual) / precision, rel=1e-9)
+    assert found.level[0] == pytest.approx(np.linalg.solve(V, residual).sum() / precision, rel=1e-9)
     assert found.level_variance[0] == pytest.approx(1.0 / precision, rel=1e-9)
 
 
@@ -166,23 +152,32 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     z, error = found.course(0, x - 0.01 * 0.02 * 9 / 0.9)
     assert np.all(np.abs(z - level - true) < 3.0 * error)
     assert np.all(error < 3e-3)
-    columns = found.posterior.level_shift @ root(found.posterior.covariance)
-    columns = np.hstack([columns, found.doubt])
+    factor = root(found.posterior.covariance)
+    columns = np.hstack([found.posterior.level_shift @ factor, found.doubt])
     np.testing.assert_allclose(np.sum(found.shared**2, axis=1), np.sum(columns**2, axis=1))
 
 
+def of_cells(T, D, se):
+    """Correction, its variance, the shared error and the share held of runs with such a rest."""
+    runs, ends = [SimpleNamespace(swapped=False, notes=()) for _ in T], []
+    for tension, difference in zip(T, D, strict=True):
+        rest = SimpleNamespace(tension_N=tension, imbalance_N=difference, imbalance_se_N=se)
+        ends.append(SimpleNamespace(rest=rest, tensions_N=(1.7 * tension, 0.6 * tension)))
+    found = cell_errors(runs, ends, 1.04 + 0.0 * T, 1e-3 + 0.0 * T)
+    return np.array([*found, [run.held for run in runs]]).T
+
+
 def test_errors_of_the_cells_change_sign_with_the_cells_and_scale_with_the_force():
-    zero = 1.5 + np.random.default_rng(2).normal(scale=0.2, size=5)
+    T, D = np.geomspace(80.0, 400.0, 5), 1.5 + np.random.default_rng(2).normal(scale=0.2, size=5)
+    first = of_cells(T, D, 0.02)  # with the cells, all but the variance change their signs
+    same = of_cells(T, -D, 0.02) * [-1, 1, -1, -1], of_cells(3 * T, 3 * D, 0.06)
+    np.testing.assert_allclose(same, [first, first], rtol=1e-3, atol=1e-8)
 
-    def errors(sign, unit):
-        runs = [SimpleNamespace(swapped=False, notes=()) for _ in zero]
-        ends = []
-        for T, D in zip(unit * np.geomspace(80.0, 400.0, 5), sign * unit * zero, strict=True):
-            rest = SimpleNamespace(tension_N=T, imbalance_N=D, imbalance_se_N=0.02 * unit)
-            ends.append(SimpleNamespace(rest=rest, tensions_N=(1.7 * T, 0.6 * T)))
-        found = cell_errors(runs, ends, np.full(5, 1.04), np.full(5, 1e-3))
-        return np.array([*found, [run.held for run in runs]])
 
-    first = errors(1.0, 1.0)  # with the cells, all but the variance change their signs
-    np.testing.assert_allclose(errors(-1.0, 1.0).T, first.T * [-1, 1, -1, -1], rtol=1e-3, atol=1e-8)
-    np.testing.assert_allclose(errors(1.0, 3.0), first, rtol=1e-3, atol=1e-8)
+def test_an_imbalance_at_one_tension_is_half_taken_off_and_half_stated():
+    """Zeros that differ, or friction held: nobody can tell."""
+    T, D = np.full(8, 200.0), np.random.default_rng(4).normal(size=8)
+    mean, variance, *_ = of_cells(T, D, 1e-3).T
+    half = 0.25 * (1 / 340.0 + 1 / 120.0)
+    assert np.diff(mean) == pytest.approx(half * np.diff(D), rel=1e-3)
+    assert np.all(np.sqrt(variance) > 0.95 * half * np.abs(D - D.mean()))

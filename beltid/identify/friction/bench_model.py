@@ -341,7 +341,7 @@ def cell_errors(
     effect[:, 0], effect[:, 1] = d * q * unit, d * (both_ways or free_at_rest)
     evidence, found = list[float](), list[Array]()
     # what differs from run to run is zeros, or else friction that is held
-    for zeros_differ in (True, False)[: 1 + (not free_at_rest)]:
+    for zeros_differ in [True] if free_at_rest else [True, False]:
         own = Own("own", OWN_SIZE, diagonal=unit * np.ones(D.size) if zeros_differ else T)
         posterior = Mixed(D, shared, [Own("noise", Size(1.0), diagonal=noise), own]).fit()
         own_N = posterior.sizes["own"] * unit * zeros_differ
@@ -360,7 +360,7 @@ def cell_errors(
     mean, zeros, variance, common = np.tensordot(weights, found, 1)
     variance = variance + weights @ np.square([one[0] - mean for one in found])
     common = np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(common)
-    gain = float((d * mean - q * zeros)[0])
+    gain = float((d * mean - q * zeros)[0])  # what (S4) has beside the zeros
     held_shares = (D - d * (zeros + gain * T)) / T
     for run, share, zero_N, T_0 in zip(runs, held_shares.tolist(), zeros, T, strict=True):
         run.held = share
