@@ -380,8 +380,8 @@ class Rest:
         )
         difference = tensions[:, 0] - tensions[:, 1]
         half = difference[: max(FEWEST_REST, t.size // 2)]
-        limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tensions[:, 0]))
-        quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
+        noise = max(difference_sigma(half), mad_sigma(half), 1e-4 * median(tensions[:, 0]))
+        quiet = np.flatnonzero(np.abs(difference - median(half)) <= 6.0 * noise)
         end = max(int(quiet[-1]) + 1 if quiet.size else 0, FEWEST_REST)
         mean, difference = 0.5 * tensions[:end].sum(axis=1), difference[:end]
         near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
