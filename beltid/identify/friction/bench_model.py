@@ -27,6 +27,7 @@ from copy import copy
 from functools import cached_property
 
 import numpy as np
+from scipy.special import softmax
 
 from beltid.arrays import Array
 from beltid.identify.friction.prepare import SlidingRecord
@@ -286,8 +287,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
             bench.update(some.posterior.sizes)
         bench.posterior = bench.model().at(some.posterior.sizes, some.posterior.converged)
         several = [bench]
-    evidence = [one.posterior.log_evidence for one in several]
-    weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+    weights = softmax([one.posterior.log_evidence for one in several])
     levels = np.column_stack([one.posterior.level for one in several])
     bench.mean = levels @ weights
     bench.doubt = (levels - bench.mean[:, None]) * np.sqrt(weights)
@@ -356,7 +356,7 @@ def cell_errors(
         common = np.sum((slopes @ root(posterior.covariance)) ** 2, axis=1) + q_common**2 * square
         evidence.append(posterior.log_evidence)
         found.append(np.array([mean, zeros, variance, common]))
-    weights = np.exp(evidence - np.logaddexp.reduce(evidence))
+    weights = softmax(evidence)
     mean, zeros, variance, common = np.tensordot(weights, found, 1)
     variance = variance + weights @ np.square([one[0] - mean for one in found])
     common = np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(common)
