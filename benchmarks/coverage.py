@@ -36,20 +36,27 @@ from virtual_bench import SMALL, Design, repetition  # noqa: E402
 PAGE = ROOT / "docs" / "coverage.md"
 DRAWS = {1: 24, 5: 16, 20: 4, 120: 1}
 """Runs reduced together, and benches of so many that are drawn of each row."""
-OF_SLACK_ZERO = ("zero of the slack", "both zeros drift")
-"""Benches whose error one run cannot show: its rest is too short."""
-STATED: dict[str, dict[str, float]] = {
-    "softly": {"cell_gain_rel": 0.01},
-    "gain": {"cell_gain_rel": 0.002},
-    "hysteresis": {"cell_offset_N": 0.5},
-    **{f" {size:g} N": {"cell_offset_N": size} for size in (0.3, 0.5, 1.0)},
+HIDDEN: dict[str, tuple[int, dict[str, float]]] = {
+    "saturates softly": (120, {"cell_gain_rel": 0.01}),
+    "gain +0.2 %": (120, {"cell_gain_rel": 0.002}),
+    "hysteresis": (120, {"cell_offset_N": 0.5}),
+    "cells off by": (120, {"cell_offset_N": 1.0}),
+    "cell warms by": (120, {"cell_offset_N": 1.0}),
+    "by 0.3 N": (120, {"cell_offset_N": 0.3}),
+    "by 0.5 N": (5, {"cell_offset_N": 0.5}),
+    "by 1 N": (20, {"cell_offset_N": 1.0}),
+    "twenty times longer": (20, {}),
+    "once per turn": (5, {}),
+    "once a turn": (120, {}),
 }
-"""Part of the name of a fault that no recording shows -> what `uncertainty:` says of it."""
+"""Part of the name of a fault -> most runs that do not show it, what `uncertainty:` says of it.
+
+A drift below four standard errors of the slopes at rest of all runs; what goes with the force of a
+cell, or what both zeros have in common; a tail or a wave longer than each sliding (no key)."""
 FACTOR = 1.96
-LEAST, MOST, COVERED = 0.5, 1.3, 88.0
-"""Of a row: its z, and the percentage of intervals that hold."""
-NOISE_N = 0.5
-"""Noise of the load cells in rigdata [N]."""
+USUALLY, ALWAYS = (0.5, 1.3, 88.0), (0.0, 1.6, 80.0)
+"""Wanted of three rows in four, and of all: least and largest z, intervals that hold [%]."""
+NOISE_N = 0.5  # of the load cells in rigdata
 MIDDLE = Design(((40.0, 68.0, 82.0), (60.0, 130.0, 220.0, 310.0, 400.0), (0.1, 0.21, 0.42)))
 
 INTRODUCTION = """# Coverage
@@ -60,11 +67,13 @@ Written by `python -m benchmarks.coverage` in {minutes:.0f} minutes. Everything 
 A cell has, for n runs reduced together, the RMS error of `mu_sliding` in percent, the percentage
 of intervals `value ± 1.96 u` that hold the truth, and *z*, the RMS of error over `mu_sliding_se`:
 below 1 if these are too large. Drawn, from seed {first} on, were {draws}; runs of one bench share
-errors. *Kept*: not set aside. A `*`: no recording shows the fault; it is stated in `uncertainty:`
-(a seam has no key), z is over `mu_sliding_u`, and the cell does not count. Priors were set on the
+errors. *Kept*: not set aside. After an arrow, where so many runs do not show the fault, coverage
+and z over `mu_sliding_u` with the fault stated in `uncertainty:` (`HIDDEN` in
+`benchmarks/coverage.py` says which and why; tails and waves have no key). Priors were set on the
 benches of the tests, the others share no code with them.
 
-**Bold** is what has a z outside 0.5 to 1.3, or less than 88 % covered: {found}.
+**Bold** is what has a z outside 0.5 to 1.3, or less than 88 % covered: {found}. Above a z of 1.6 or
+below 80 %, with what is stated: {beyond}.
 
 """
 
@@ -77,7 +86,7 @@ class Found:
     u: Array
     se: Array
     n_runs: int
-    hidden: bool = False
+    stated: "Found | None" = None  # the same with the fault stated, if the runs do not show it
 
     @property
     def rms(self) -> float:
@@ -100,18 +109,19 @@ class Found:
             return "none kept"
         left = self.n_runs - self.error.size
         kept = f", {self.error.size} of {self.n_runs} kept" if left else ""
-        return f"{self.rms:.3g}/{self.covered:.0f}/{self.z:.2f}{'*' * self.hidden}{kept}"
+        again = f" → {self.stated.covered:.0f}/{self.stated.z:.2f}" if self.stated else ""
+        return f"{self.rms:.3g}/{self.covered:.0f}/{self.z:.2f}{kept}{again}"
 
-    def outside(self) -> bool:
-        """Whether it is not what is wanted."""
-        return bool(self.error.size) and not (LEAST <= self.z <= MOST and self.covered >= COVERED)
+    def within(self, least: float, most: float, covered: float) -> bool:
+        """Whether z and coverage are within limits."""
+        return not self.error.size or (least <= self.z <= most and self.covered >= covered)
 
 
 def rows() -> dict[str, list[str]]:
     """Names of the benches of each generator."""
-    first = [name + ("" if one.visible else " *") for name, one in virtual_rig.CASES.items()]
     belts = [f"rigdata/{belt}, noise x {k}" for belt in ("4pk", "5pk", "6pk") for k in (1, 4)]
-    return {"Benches of the tests": [*first, *belts], "Other benches": list(other_bench.ROWS)}
+    first = [*virtual_rig.CASES, *belts]
+    return {"Benches of the tests": first, "Other benches": list(other_bench.ROWS)}
 
 
 def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array, dict[str, object]]:
@@ -121,7 +131,7 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array, dict[str, o
     config: dict[str, object] = {"rig": {"pulley_radius_m": virtual_rig.RADIUS_M}}
     if name.startswith("rigdata"):
         return (*_of_rigdata(name, n, seed), config)
-    columns, mu = virtual_rig.draw(name.removesuffix(" *"), n, seed)
+    columns, mu = virtual_rig.draw(name, n, seed)
     return pd.DataFrame(columns), mu, config
 
 
@@ -140,17 +150,24 @@ def _of_rigdata(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
 
 
 def friction(name: str, n: int, first: int) -> Found:
-    """Reduce some benches of n runs of a row."""
+    """Reduce some benches of n runs; again with the fault stated if they do not show it."""
+    found = _reduced(name, n, first, {})
+    for part, (most, stated) in HIDDEN.items():
+        if part in name and n <= most:
+            again = _reduced(name, n, first, stated)
+            return replace(found, stated=replace(again, se=again.u))
+    return found
+
+
+def _reduced(name: str, n: int, first: int, stated: dict[str, float]) -> Found:
+    """Reduce some benches of n runs of a row with a fault stated in `uncertainty:`."""
     found, n_runs = [], 0
-    hidden = name[-1] == "*" or (n == 1 and any(part in name for part in OF_SLACK_ZERO))
-    stated = next((of for part, of in STATED.items() if hidden and part in name), {})
     for seed in range(first, first + DRAWS[n]):
         frame, mu, config = draw(name, n, seed)
-        config = {**config, "uncertainty": stated}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                table = beltid.fit_friction(frame, config).to_frame()
+                table = beltid.fit_friction(frame, {**config, "uncertainty": stated}).to_frame()
             except beltid.BeltidError:
                 table = pd.DataFrame()
         n_runs += int(np.count_nonzero(np.isfinite(mu)))
@@ -160,7 +177,7 @@ def friction(name: str, n: int, first: int) -> Found:
         columns = table[["mu_sliding", "mu_sliding_u", "mu_sliding_se"]].to_numpy(float)
         found.append(columns[kept] / mu[kept, None])
     value, u, se = np.concatenate([*found, np.empty((0, 3))]).T
-    return Found(value - 1.0, u, u if hidden else se, n_runs, hidden)
+    return Found(value - 1.0, u, se, n_runs)
 
 
 def presses(first: int) -> Iterator[tuple[str, Found]]:
@@ -209,7 +226,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     chosen = parser.parse_args()
     begin = time.perf_counter()
-    text, judged = "", {n: list[bool]() for n in chosen.n}
+    text, judged, beyond = "", {n: list[bool]() for n in chosen.n}, list[str]()
     for title, names in rows().items():
         names = [n for n in names if not chosen.rows or any(part in n for part in chosen.rows)]
         if not names:
@@ -224,9 +241,10 @@ def main() -> None:
         cells = dict[tuple[str, int], str]()
         for (name, n), one in found.items():
             cells[name, n] = one.cell()
-            if one.error.size and not one.hidden:
-                judged[n].append(one.outside())
-                if one.outside():
+            beyond += [f"{name}, n = {n}"] * (not (one.stated or one).within(*ALWAYS))
+            if one.error.size and not one.stated:
+                judged[n].append(not one.within(*USUALLY))
+                if judged[n][-1]:
                     cells[name, n] = f"**{one.cell()}**"
         lines = [(name, *(cells[name, n] for n in chosen.n)) for name in names]
         text += f"## {title}\n\n{table(('bench', *(f'n = {n}' for n in chosen.n)), lines)}\n"
@@ -239,6 +257,7 @@ def main() -> None:
         first=chosen.first,
         draws=", ".join(f"{DRAWS[n]} benches of {n}" for n in chosen.n),
         found=", ".join(f"{sum(of)} of {len(of)} at n = {n}" for n, of in judged.items()),
+        beyond="; ".join(beyond) or "none",
     )
     if not chosen.rows:
         PAGE.write_text(head + text.rstrip() + "\n", encoding="utf-8")

@@ -65,10 +65,8 @@ ROOMS = {
     "refine": "beltid/refine/*.py: tests/refine",
     "drive": "beltid/drive/*.py: tests/drive",
 }
-KERNELS = ("rig", "drive")
-"""Rooms with compiled functions."""
-COMPILE_S = 90
-"""Most processor time to compile the kernels of a trial."""
+KERNELS = ("rig", "drive")  # rooms with compiled functions
+COMPILE_S = 90  # most processor time to compile the kernels of a trial
 LONGEST_S = 3600.0
 TIMED = ("_take_less_than_", "_seconds")
 """Tests of speed: a busy machine, not a fault, would fail them."""

@@ -16,8 +16,7 @@ import pandas as pd
 
 from beltid.arrays import Array, Mask
 
-RADIUS_M = 0.04
-"""Radius of the belt's centreline on the pulley [m]."""
+RADIUS_M = 0.04  # of the belt's centreline on the pulley
 EA_N, SPAN_M = 1.3e5, 0.12
 
 
@@ -26,25 +25,17 @@ class Bench:
     """What one draw of the bench has in common: its belt and the settings of its faults."""
 
     rng: np.random.Generator
-    mu_0: float
-    """Coefficient at 4,000 N/m and high speed."""
-    bend: float
-    """Share by which it is larger at a vanishing force."""
-    rise: float
-    """Share by which it is smaller at a vanishing speed."""
-    peak: float
-    """Excess of the sticking peak over the plateau."""
-    length_m: float
-    """Sliding distance over which the peak decays."""
+    mu_0: float  # coefficient at 4,000 N/m and high speed
+    bend: float  # share by which it is larger at a vanishing force
+    rise: float  # share by which it is smaller at a vanishing speed
+    peak: float  # excess of the sticking peak over the plateau
+    length_m: float  # sliding distance over which the peak decays
     noise_N: float = 0.4
     rate_Hz: float = 50.0
     rest_s: float = 1.0
-    distance_rad: float = 1.4
-    """Turn of the pulley in a run."""
-    tail: Callable[[Array], Array] = lambda x: np.exp(-x)
-    """Decay of the peak over sliding distance by `length_m`, 1 at 0."""
-    reversed_share: float = 0.0
-    """Share of the runs in which the pulley turns the other way."""
+    distance_rad: float = 1.4  # turn of the pulley in a run
+    tail: Callable[[Array], Array] = lambda x: np.exp(-x)  # of the peak, over `length_m`
+    reversed_share: float = 0.0  # share of the runs in which the pulley turns the other way
 
     def mu(self, force_N_m: float, speed_m_s: float) -> float:
         """Sliding friction at a force per length and a speed."""
@@ -60,16 +51,12 @@ class Run:
     bench: Bench
     arc_rad: float
     tension_N: float
-    omega: float
-    """Speed of the pulley [rad/s], positive."""
-    sense: int
-    """-1 if it turns the other way: then the slack span is the one called tight."""
+    omega: float  # speed of the pulley [rad/s], positive
+    sense: int  # -1 if it turns the other way: then the slack span is the one called tight
     time_s: Array
-    turning: Mask
-    """Mask of the samples in which the pulley turns."""
-    leading: Array
-    trailing: Array
-    """Tensions of the spans that pull and are pulled [N]."""
+    turning: Mask  # samples in which the pulley turns
+    leading: Array  # tension of the span that pulls [N]
+    trailing: Array  # of that which is pulled [N]
     mu: float
 
     @property
@@ -215,9 +202,9 @@ ROWS: dict[str, tuple[Any, ...]] = {
     "runs that scatter by 0.5 %": ({}, scatter, 0.005),
     "slow noise 1 N, 0.3 s": ({}, slow_noise, 1.0, 0.3),
     "slow noise 1 N, 1 s": ({}, slow_noise, 1.0, 1.0),
-    "leading zero drifts 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.0),
-    "trailing zero drifts 0.5 N *": ({"rest_s": 2.0}, zeros_drift, 0.0, 0.5),
-    "both zeros drift 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.5),
+    "leading zero drifts by 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.0),
+    "trailing zero drifts by 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.0, 0.5),
+    "both zeros drift by 0.5 N": ({"rest_s": 2.0}, zeros_drift, 0.5, 0.5),
     "held at rest, 0.25 %": ({}, held, 0.0025),
     "held at rest, 2 %": ({}, held, 0.02),
     "held at rest, 10 %": ({}, held, 0.10),
@@ -226,18 +213,18 @@ ROWS: dict[str, tuple[Any, ...]] = {
     "held at rest, 10 %, decaying": ({}, held, 0.10, 0.0, True),
     "held at rest, 2 %, half reversed": ({"reversed_share": 0.5}, held, 0.02),
     "gain +2 %, half reversed": ({"reversed_share": 0.5}, gain, 0.02),
-    "gain +0.2 % *": ({}, gain, 0.002),
-    "hysteresis 0.05 % of 1 kN *": ({}, hysteresis, 0.0005),
-    "seam of 3 % once a turn *": ({}, seam, 0.03),
+    "gain +0.2 %": ({}, gain, 0.002),
+    "hysteresis 0.05 % of 1 kN": ({}, hysteresis, 0.0005),
+    "seam of 3 % once a turn": ({}, seam, 0.03),
     "seam of 3 %, four turns": ({"distance_rad": 25.0, "rate_Hz": 20.0}, seam, 0.03),
-    "leading cell warms by 1 N *": ({}, warming, 1.0),
+    "leading cell warms by 1 N": ({}, warming, 1.0),
     "converter of 1 N": ({"noise_N": 0.2}, converter, 1.0),
     "hum of 3 N": ({}, hum, 3.0),
     "short runs": ({"distance_rad": 0.35},),
     "2 samples a second": ({"rate_Hz": 2.0, "rest_s": 4.0},),
     "500 samples a second": ({"rate_Hz": 500.0, "distance_rad": 0.7},),
 }
-"""Row -> what the bench is, its fault and the size of that; ``*``: no recording can show it."""
+"""Row -> what the bench is, its fault and the size of that."""
 
 
 def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:

@@ -31,11 +31,9 @@ TENSIONS_N = tuple(np.linspace(100.0, 450.0, 8).tolist())
 SPEEDS_RAD_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 MU, K_LINEAR = 0.5, 1.0e8
 """Constant friction and linear normal law [N/m²] of the comparison with Exudyn."""
-SAMPLES = 3000
-"""Samples of a run that is reduced."""
+SAMPLES = 3000  # of a run that is reduced
 CSV_MB = 300.0
-FINE = 200
-"""Elements of the reference."""
+FINE = 200  # elements of the reference
 
 
 def config(**sections: Any) -> dict[str, Any]:

@@ -109,13 +109,7 @@ def described(bench: Bench, point: OperatingPoint) -> str:
 
 
 def in_time(bench: Bench, point: OperatingPoint, rng: np.random.Generator) -> float:
-    """Larger difference of the last tensions to the steady ones [%].
-
-    Raises
-    ------
-    BeltidError
-        If the run fails, or does not settle.
-    """
+    """Larger difference of the last tensions to the steady ones [%]; `BeltidError` if it fails."""
     point = replace(point, omega=float(np.exp(rng.uniform(math.log(0.05), math.log(2.0)))))
     contact = Contact(sticking_ratio=rng.uniform(1.0, 1.5) if rng.random() < 0.5 else 1.0)
     bench = replace(bench, contact=contact)

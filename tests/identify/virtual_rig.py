@@ -174,8 +174,6 @@ class Case:
     recipe: Recipe
     spoil: Spoil | None = None
     belt: Belt | None = None  # none: all runs have the recipe's settings
-    visible: bool = True
-    """Whether the recordings can show what is wrong; if not, no interval can allow for it."""
 
 
 def draw(name: str, n: int, seed: int = 0) -> tuple[dict[str, Array], Array]:
@@ -401,11 +399,9 @@ def drop_outs(f: Frame, rng: np.random.Generator) -> None:
         f.cells[1, run, begin[2] : begin[2] + m] = 0.0
 
 
-def case(
-    spoil: Spoil | None = None, belt: Belt | None = None, visible: bool = True, **changes: Any
-) -> Case:
+def case(spoil: Spoil | None = None, belt: Belt | None = None, **changes: Any) -> Case:
     """A case whose recipe differs from the usual one by some changes."""
-    return Case(Recipe(**changes), spoil, belt, visible)
+    return Case(Recipe(**changes), spoil, belt)
 
 
 def _cases() -> dict[str, Case]:
@@ -455,7 +451,7 @@ def _cases() -> dict[str, Case]:
         "zeros of both cells wander 0.5 N in 10 s": case(**slow("walk", 0.5, 10.0)),
         "zeros of both cells wander 0.5 N around their place, 10 s": case(**slow("ar", 0.5, 10.0)),
         "tight cell clipped in 20 % of the sliding samples": case(partial(clipped, 0.2)),
-        "tight cell saturates softly (2 % at 500 N)": case(soft_saturation, visible=False),
+        "tight cell saturates softly (2 % at 500 N)": case(soft_saturation),
         "second tail twenty times longer (30 %)": case(shape="twenty times"),
         "AR noise 1 s, 0.35 N": case(**slow("ar", 0.35)),
         "AR noise 1 s, 0.35 N, opposite in both cells": case(**slow("ar", 0.35, 1.0, True)),

@@ -87,8 +87,9 @@ class Bench:
     """
 
     posterior: Posterior
-    mean: Array  # of the levels over the likely models of these runs, (R,)
-    doubt: Array  # their errors by the choice of one, (R, k)
+    mean: Array  # of the levels, over the likely models of these runs, (R,)
+    variance: Array  # of the part of their errors that is a run's own, (R,)
+    doubt: Array  # their errors by the choice of a model, (R, k)
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
@@ -96,9 +97,12 @@ class Bench:
         self.level = np.array([r.level for r in records])
         self.c = np.array([r.sensitivity for r in records])
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
-        self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
+        self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (4, 1, 4))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
+        # zeros drift by as much in a second, or in each record
+        lengths_s = np.array([r.last_s[-1] - r.rest.first_s for r in records])
+        pace = np.column_stack([np.ones(R), np.median(lengths_s) / lengths_s]) / np.sqrt(2.0)
         middle_level, T0 = np.median(self.level), np.median([r.rest.tension_N for r in records])
         for i, r in enumerate(records):
             b, c, rest = slice(2, r.z.size + 2), r.sensitivity, r.rest
@@ -106,7 +110,7 @@ class Bench:
             self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
             self.white[i, b] = r.noise_N / np.sqrt(r.count)
             since_rest = mid - 0.5 * (rest.first_s + rest.last_s)
-            self.zeros[i, b] = np.outer(since_rest, T0 * r.zero_shifts / c)
+            self.zeros[i, b] = np.outer(since_rest, T0 * np.kron(pace[i], r.zero_shifts) / c)
             # if friction drifts, mu_sliding is that of the middle of the second half of the run
             elapsed = (mid - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.drift[i, b, 0] = unit * (elapsed - 0.75)
@@ -120,14 +124,13 @@ class Bench:
                 MEMORIES_S,
             )
             self.memory[:, i, b, b] = V[:, 1:, 1:]
-            walk = V[-1]
-            self.memory[-1, i, b, b] += walk[0, 0] - walk[0, 1:] - walk[0, 1:, None]
+            self.memory[-1, i, b, b] += V[-1, 0, 0] - V[-1, 0, 1:] - V[-1, 0, 1:, None]
             # a ripple once per turn may go with the friction, thus the level, or with the tensions
             self.turn[i, b] = np.hypot(r.level, middle_level) / np.sqrt(2.0) / c * r.turn
             # difference and sum of the slopes at rest, in units of their errors
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
-            self.zeros[i, :2] = T0 * np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.zeros[i, :2] = T0 * np.kron(pace[i], [[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
         n = np.array([r.count.sum() for r in records])
@@ -252,9 +255,8 @@ class Bench:
         """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
         p = self.posterior
         Pe = np.einsum("rij,rj->ri", p.P, p.residual)
-        slow = p.sizes[f"memory {MEMORIES_S[-2]:g} s"] ** 2 * self.memory[-2]
-        slow = slow + p.sizes["walk"] ** 2 * self.memory[-1]
-        wander = np.einsum("rij,rj->ri", slow, Pe) * self.c[:, None]
+        sizes = np.array([p.sizes[f"memory {MEMORIES_S[-2]:g} s"], p.sizes["walk"]])
+        wander = np.einsum("k,krij,rj->ri", sizes**2, self.memory[-2:], Pe) * self.c[:, None]
         last = [r.z.size + 1 for r in self.records]
         change = wander[np.arange(len(last)), last] - wander[:, 2]
         return np.asarray(change + p.of("drift")[0][0] * self.level)
@@ -288,9 +290,9 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
         bench.posterior = bench.model().at(some.posterior.sizes, some.posterior.converged)
         several = [bench]
     weights = softmax([one.posterior.log_evidence for one in several])
-    levels = np.column_stack([one.posterior.level for one in several])
-    bench.mean = levels @ weights
-    bench.doubt = (levels - bench.mean[:, None]) * np.sqrt(weights)
+    found = np.array([(one.posterior.level, one.posterior.level_variance) for one in several])
+    bench.mean, bench.variance = np.tensordot(weights, found, 1)
+    bench.doubt = (found[:, 0] - bench.mean).T * np.sqrt(weights)
     return bench
 
 

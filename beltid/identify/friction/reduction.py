@@ -221,7 +221,7 @@ def _reduce_together(
     # of the tension, from the mean over the rest to its end
     relaxed = float(np.median([r.rest.end_N / r.rest.tension_N for r in records]))
     level, drift = bench.mean, bench.visible_drift
-    own = bench.posterior.level_variance + np.square([record.rounding for record in records])
+    own = bench.variance + np.square([record.rounding for record in records])
     errors, variance, common = cell_errors(
         runs, records, level, np.sqrt(own), gain_rel, free_at_rest
     )
@@ -295,7 +295,7 @@ def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -
     is_large = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
-    own = math.sqrt(bench.posterior.level_variance[k]) / y
+    own = math.sqrt(bench.variance[k]) / y
     error = math.hypot(own, run.shared_tail, run.shared_drift)
     reject(
         bench.scale.size >= FEWEST_FOR_MISFIT and is_large,

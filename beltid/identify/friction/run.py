@@ -16,7 +16,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beltid.arrays import Array, Mask
+from beltid.arrays import Array, Columns, Mask
 from beltid.errors import InputError
 from beltid.laws.capstan import (
     STRAIGHT,
@@ -28,8 +28,6 @@ from beltid.laws.capstan import (
     tensions_by_hub_force,
     tensions_by_torque,
 )
-
-Columns = Mapping[str, Array]
 
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
