@@ -34,7 +34,7 @@ from press_bench import Bench  # noqa: E402
 from virtual_bench import SMALL, Design, repetition  # noqa: E402
 
 PAGE = ROOT / "docs" / "coverage.md"
-DRAWS = {1: 24, 5: 16, 20: 4, 120: 1}
+DRAWS = {1: 12, 5: 10, 20: 6, 120: 4}
 """Runs reduced together, and benches of so many that are drawn of each row."""
 HIDDEN: dict[str, tuple[int, dict[str, float]]] = {
     "saturates softly": (120, {"cell_gain_rel": 0.01}),

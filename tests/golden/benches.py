@@ -16,8 +16,7 @@ from golden.door import configured, done
 
 R = 0.05
 ARCS, TENSIONS, SPEEDS = (40.0, 82.0), (100.0, 200.0, 411.0), (0.05, 0.21, 0.84)
-BUILD_UP = 60e-6
-"""Travel of the pulley's surface over which friction builds up [m]."""
+BUILD_UP = 60e-6  # travel of the pulley's surface over which friction builds up [m]
 
 
 def law(force_N_m: float, speed_m_s: float) -> float:

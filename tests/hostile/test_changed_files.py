@@ -9,8 +9,7 @@ from readers import CORPUS, READERS, read, seeds
 
 from beltid.config.checks import name_pattern
 
-OF_LIBRARIES = ("tdms", "mdf", "mat", "hdf5", "xlsx")
-"""Formats whose libraries read damaged files as they like."""
+OF_LIBRARIES = ("tdms", "mdf", "mat", "hdf5", "xlsx")  # they read damaged files as they like
 OURS = [reader for reader in READERS if reader not in OF_LIBRARIES]
 RIG = (
     "run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,temperature_degC,arc_deg,"

@@ -163,6 +163,21 @@ def test_a_run_that_sticks_and_slips_is_set_aside_with_its_noise() -> None:
     assert run.status.startswith("sticks and slips")
 
 
+def test_zeros_that_drift_by_as_much_in_each_record_do_not_pass_for_a_tail() -> None:
+    runs = []
+    # all of the same travel, over which the drift is alike
+    for k, slide_s in enumerate(np.geomspace(4.0, 24.0, 20).tolist()):
+        initial = (80.0, 140.0, 210.0, 290.0, 380.0)[k % 5]
+        of = BASE.but(seed=k, rest=2.0, duration=2.0 + slide_s, omega=1.4 / slide_s)
+        run = bench(of.but(initial=initial), 1)
+        for name in ("tension_tight_N", "tension_slack_N"):
+            run[name] = run[name] + 0.5 * run["time_s"] / run["time_s"][-1]
+        runs.append({**run, "run": run["run"] + k})
+    found = reduce_runs({name: np.concatenate([r[name] for r in runs]) for name in runs[0]}, 0.05)
+    error = np.array([run.mu_sliding for run in found]) / 0.8 - 1.0
+    assert np.sqrt(np.mean(error**2)) < 1.5e-3
+
+
 def test_a_slow_drift_of_friction_is_kept_and_reported() -> None:
     run = reduce_recipe(BASE.but(drift=0.05))
     assert run.status == "ok"

@@ -25,8 +25,7 @@ from beltid.identify.friction.reduction import reduce_records
 from beltid.identify.friction.run import TWO_CELLS, run_records
 
 RADIUS_M = 0.05
-REFERENCE_SPEED = 0.21
-"""Pulley speed [rad/s] at which the belt's own times are stated: 10.5 mm of travel per second."""
+REFERENCE_SPEED = 0.21  # pulley speed [rad/s] at which the belt's own times are stated
 
 SHAPES: dict[str, Callable[[Array], Array]] = {
     "exponential": lambda x: np.exp(-x),
@@ -48,9 +47,7 @@ class Noise:
     """Slow noise of the zeros of the load cells, on top of the white noise."""
 
     kind: Literal["ar", "walk", "1/f"]
-    sd: float
-    """Standard deviation [N]: stationary ("ar"), after `time` ("walk"), in the band from once per
-    record to half the sampling rate ("1/f")."""
+    sd: float  # [N]: stationary ("ar"), after `time` ("walk"), from once per record ("1/f")
     time: float = 1.0  # correlation time ("ar") or time after which a walk has reached `sd` [s]
     opposite: bool = False  # whether it is the same in both cells with opposite sign
 
@@ -73,12 +70,10 @@ class Recipe:
     tail: float = 0.6
     shape: str = "exponential"
     clock: Literal["travel", "time"] = "travel"
-    peak_spread: float = 0.0
-    """Standard deviation of the logarithm of the peak's height from run to run."""
+    peak_spread: float = 0.0  # standard deviation of ln of the peak's height from run to run
     tail_spread: float = 0.0  # the same of its length
     build_up: float = 0.2
-    slow_part: float = 0.0
-    """Part of the build-up that takes five times as long to nine tenths of its end."""
+    slow_part: float = 0.0  # of the build-up: takes five times as long to nine tenths of its end
     omega: float = REFERENCE_SPEED
     run_up: float = 0.0  # time until the pulley has its speed
     idle: float = 0.0  # time for which the pulley stands still after the sliding
@@ -87,10 +82,8 @@ class Recipe:
     slow: tuple[Noise, ...] = ()
     ripple: float = 0.004
     ripple_period: float = 0.748
-    drift: float = 0.0
-    """Relative change of mu from the end of the build-up to the end of the sliding."""
-    stick_slip: float = 0.0
-    """Height of a saw tooth in mu at the slowest speed of a campaign, relative."""
+    drift: float = 0.0  # relative change of mu from the end of the build-up to that of the sliding
+    stick_slip: float = 0.0  # relative height of a saw tooth in mu at the slowest speed
     relaxation: float = 0.0  # part of the tension that is lost in the end, with `relaxation_time`
     relaxation_time: float = 10.0
     offset: float = 0.0  # difference of the zeros of the cells, half each
@@ -163,8 +156,7 @@ class Frame:
     rate: float
 
 
-Spoil = Callable[[Frame, np.random.Generator], None]
-"""What the instruments do to the readings, in place."""
+Spoil = Callable[[Frame, np.random.Generator], None]  # what instruments do to the readings
 
 
 @dataclass(frozen=True)
@@ -506,5 +498,4 @@ def _cases() -> dict[str, Case]:
     }
 
 
-CASES = _cases()
-"""All benches by their names."""
+CASES = _cases()  # all benches by their names

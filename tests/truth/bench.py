@@ -20,8 +20,7 @@ from beltid.uncertainty.simulated import Campaign
 
 R = 0.05
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
-TWO = SPEEDS[1::2]
-"""Speeds of a smaller campaign: 48 of the 120 runs of a belt."""
+TWO = SPEEDS[1::2]  # speeds of a smaller campaign: 48 of the 120 runs of a belt
 # rigdata/README.md: EA, EI, k_linear, k_quadratic
 BELTS = {
     "4pk": (0.8e5, 0.016, 5.6e7, 2.20e11),

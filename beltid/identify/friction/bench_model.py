@@ -174,7 +174,7 @@ class Bench:
                 Own(f"memory {tau:g} s", Size(0.5 * self.slow_N, 2.0), covariance=V)
                 for tau, V in zip(MEMORIES_S[:-1], self.memory[:-1], strict=True)
             ),
-            Own("walk", Size(2.0 * self.slow_N, 2.0), covariance=self.memory[-1]),
+            Own("walk", Size(6.0 * self.slow_N, 1.5), covariance=self.memory[-1]),
             Own("turn", Size(typical_z, 1.5), columns=self.turn),
             Own("own decay", Size(3e-3, 1.5), columns=self.decay),
             Own("height", Size(0.15, 1.0), columns=height),
