@@ -61,19 +61,18 @@ MIDDLE = Design(((40.0, 68.0, 82.0), (60.0, 130.0, 220.0, 310.0, 400.0), (0.1, 0
 
 INTRODUCTION = """# Coverage
 
-Written by `python -m benchmarks.coverage` in {minutes:.0f} minutes. Everything here is
-**synthetic**, with a known answer.
+Written by `python -m benchmarks.coverage` in {minutes:.0f} minutes; all **synthetic**.
 
 A cell has, for n runs reduced together, the RMS error of `mu_sliding` in percent, the percentage
 of intervals `value ± 1.96 u` that hold the truth, and *z*, the RMS of error over `mu_sliding_se`:
-below 1 if these are too large. Drawn, from seed {first} on, were {draws}; runs of one bench share
-errors. *Kept*: not set aside. After an arrow, where so many runs do not show the fault, coverage
-and z over `mu_sliding_u` with the fault stated in `uncertainty:` (`HIDDEN` in
-`benchmarks/coverage.py` says which and why; tails and waves have no key). Priors were set on the
-benches of the tests, the others share no code with them.
+below 1 if these are too large. Drawn, from seed {first} on, were benches: {draws}; runs of one
+bench share errors. *Kept*: not set aside. After an arrow, where so many runs do not show the fault
+(`HIDDEN` in `benchmarks/coverage.py`): coverage and z over `mu_sliding_u` with it stated in
+`uncertainty:` (no key: tails, waves). Priors were set on the first benches; the others share no
+code with them.
 
-**Bold** is what has a z outside 0.5 to 1.3, or less than 88 % covered: {found}. Above a z of 1.6 or
-below 80 %, with what is stated: {beyond}.
+**Bold** is what has a z outside 0.5 to 1.3, or less than 88 % covered (n): {found}.
+Above a z of 1.6 or below 80 %, with what is stated (n): {beyond}.
 
 """
 
@@ -109,7 +108,7 @@ class Found:
             return "none kept"
         left = self.n_runs - self.error.size
         kept = f", {self.error.size} of {self.n_runs} kept" if left else ""
-        again = f" → {self.stated.covered:.0f}/{self.stated.z:.2f}" if self.stated else ""
+        again = f"→{self.stated.covered:.0f}/{self.stated.z:.2f}" if self.stated else ""
         return f"{self.rms:.3g}/{self.covered:.0f}/{self.z:.2f}{kept}{again}"
 
     def within(self, least: float, most: float, covered: float) -> bool:
@@ -241,7 +240,7 @@ def main() -> None:
         cells = dict[tuple[str, int], str]()
         for (name, n), one in found.items():
             cells[name, n] = one.cell()
-            beyond += [f"{name}, n = {n}"] * (not (one.stated or one).within(*ALWAYS))
+            beyond += [f"{name} ({n})"] * (not (one.stated or one).within(*ALWAYS))
             if one.error.size and not one.stated:
                 judged[n].append(not one.within(*USUALLY))
                 if judged[n][-1]:
@@ -255,8 +254,8 @@ def main() -> None:
     head = INTRODUCTION.format(
         minutes=(time.perf_counter() - begin) / 60.0,
         first=chosen.first,
-        draws=", ".join(f"{DRAWS[n]} benches of {n}" for n in chosen.n),
-        found=", ".join(f"{sum(of)} of {len(of)} at n = {n}" for n, of in judged.items()),
+        draws=", ".join(f"{DRAWS[n]} of {n}" for n in chosen.n),
+        found=", ".join(f"{sum(of)} of {len(of)} ({n})" for n, of in judged.items()),
         beyond="; ".join(beyond) or "none",
     )
     if not chosen.rows:
