@@ -265,7 +265,7 @@ class Bench:
 def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     """Fit sizes to some runs, then levels and common effects to all; return the best model.
 
-    Levels of few runs are averaged over other noise, or a tail over time; of many, one stands out.
+    Few runs are averaged over other noise, or a tail over time; of many, one model stands out.
     """
     settings, several = log_settings(records), list[Bench]()
     centre, count = settings.mean(axis=0), min(len(records), RUNS)
