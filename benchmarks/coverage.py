@@ -49,7 +49,7 @@ HIDDEN: dict[str, tuple[int, dict[str, float]]] = {
     "once per turn": (5, {}),
     "once a turn": (120, {}),
 }
-"""Part of the name of a fault -> most runs that do not show it, what `uncertainty:` says of it.
+"""Part of a fault's name (the first that fits) -> most runs that hide it, what is stated of it.
 
 A drift below four standard errors of the slopes at rest of all runs; what goes with the force of a
 cell, or what both zeros have in common; a tail or a wave longer than each sliding (no key)."""

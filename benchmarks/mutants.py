@@ -68,8 +68,6 @@ ROOMS = {
 KERNELS = ("rig", "drive")  # rooms with compiled functions
 COMPILE_S = 90  # most processor time to compile the kernels of a trial
 LONGEST_S = 3600.0
-TIMED = ("_take_less_than_", "_seconds")
-"""Tests of speed: a busy machine, not a fault, would fail them."""
 WARM = (
     "numpy.testing",
     "scipy.interpolate",
@@ -183,7 +181,7 @@ def trace(files: list[str], known: list[str], lines: bool, result: Path) -> bool
     seconds = {
         test: spent
         for test, spent in sorted(tracer.seconds.items(), key=lambda item: item[1])
-        if test not in tracer.failed and not any(name in test for name in TIMED)
+        if test not in tracer.failed
     }
     reached = dict[tuple[str, int], set[str]]()
     if lines:
