@@ -50,7 +50,7 @@ RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
 RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
-FIRST_STEPS, STEPS = 20, 100  # of the search for the sizes in the first turn, and in the second
+FIRST_STEPS, STEPS = 15, 100  # of the search for the sizes in the first turn, and in the second
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -89,7 +89,7 @@ class Bench:
     posterior: Posterior
     mean: Array  # of the levels, over the likely models of these runs, (R,)
     variance: Array  # of the part of their errors that is a run's own, (R,)
-    doubt: Array  # their errors by the choice of a model, (R, k)
+    doubt: Array  # their errors by the choice of a model, and of a time where mu drifts, (R, k)
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
         R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
@@ -139,7 +139,7 @@ class Bench:
         at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
         self.slow_N = max(float(np.median(at_rest / np.sqrt(n))), self.typical_N)
         log_l, longest = np.log(LENGTHS_M), max(float(r.travel[-1]) for r in records)
-        self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
+        self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(4e-3, longest / 9.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
         self.usual = self.powers = OVER_TRAVEL
@@ -174,7 +174,7 @@ class Bench:
                 Own(f"memory {tau:g} s", Size(0.5 * self.slow_N, 2.0), covariance=V)
                 for tau, V in zip(MEMORIES_S[:-1], self.memory[:-1], strict=True)
             ),
-            Own("walk", Size(6.0 * self.slow_N, 1.5), covariance=self.memory[-1]),
+            Own("walk", Size(4.5 * self.slow_N, 1.5), covariance=self.memory[-1]),
             Own("turn", Size(typical_z, 1.5), columns=self.turn),
             Own("own decay", Size(3e-3, 1.5), columns=self.decay),
             Own("height", Size(0.15, 1.0), columns=height),
@@ -292,7 +292,8 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     weights = softmax([one.posterior.log_evidence for one in several])
     found = np.array([(one.posterior.level, one.posterior.level_variance) for one in several])
     bench.mean, bench.variance = np.tensordot(weights, found, 1)
-    bench.doubt = (found[:, 0] - bench.mean).T * np.sqrt(weights)
+    drift = bench.mean * bench.posterior.of("drift")[0] / np.sqrt(12.0)  # sd of mu over the sliding
+    bench.doubt = np.column_stack([(found[:, 0] - bench.mean).T * np.sqrt(weights), drift])
     return bench
 
 

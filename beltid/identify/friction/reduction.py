@@ -295,8 +295,7 @@ def _check_fit(run: RunReduction, record: SlidingRecord, bench: Bench, k: int) -
     is_large = misfit > MAX_MISFIT and misfit * record.noise_N * record.sensitivity > STEADY * y
     left = abs(float(bench.tail(k, record.travel[-1:])[0])) / y
     # errors of the cells do not count here: they do not depend on settling
-    own = math.sqrt(bench.variance[k]) / y
-    error = math.hypot(own, run.shared_tail, run.shared_drift)
+    error = math.hypot(math.sqrt(bench.variance[k]) / y, run.shared_tail, run.shared_drift)
     reject(
         bench.scale.size >= FEWEST_FOR_MISFIT and is_large,
         f"does not fit the bench: its record is off the common model by {misfit:.2g} "
