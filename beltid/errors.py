@@ -47,8 +47,7 @@ def counted(number: int, what: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    is_short = len(text) <= LONGEST_LINE
-    return text if is_short else f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
+    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
 
 
 class BeltidWarning(UserWarning):

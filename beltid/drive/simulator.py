@@ -273,8 +273,7 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     string with the differences of rods and string of a state just below it.
     """
     if point.omega < 0.0:
-        forwards = replace(point.reversed(), omega=-point.omega)
-        return slip_limit(simulator.backwards, forwards)
+        return slip_limit(simulator.backwards, replace(point.reversed(), omega=-point.omega))
     state, limits = simulator.solve(point.scaled(0.0)).state, [1.0]
     for with_slip in (False, True):
         factor = _of_level(simulator, point, with_slip, state, limits[-1])

@@ -182,8 +182,7 @@ class LinearRuns:
         """Fit from a start or, without one, from the medians and from each effect large in turn."""
         small = dict.fromkeys(self.effects, SMALL)
         others = [{**small, name: LARGE} for name in small] if not start and len(small) > 1 else []
-        fits = map(self.model().fit, [start, *others])
-        return max(fits, key=lambda fit: fit.log_evidence)
+        return max(map(self.model().fit, [start, *others]), key=lambda fit: fit.log_evidence)
 
     def log_evidence_for(self, effect: str) -> float:
         """Compute the log of the probability ratio of the data with and without an effect.

@@ -162,8 +162,9 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     with at(recording):
         runs = reduce_rig(recording, config)
         refuse_implausible(runs, config, kind)
-        if not any(run.ok for run in runs):
-            raise InputError([f"run {run.run} cannot be used: {run.status}" for run in runs])
+        aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
+        if len(aside) == len(runs):
+            raise InputError(set_aside_lines(aside))
     for run in runs:
         run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig
@@ -171,7 +172,6 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     stated = standard_uncertainties(config) if derived else {}
     columns = reduction_columns(runs)
     combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
-    aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
     ranges = {
         name: span(columns[name][columns["status"] == "ok"])
         for name in ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")

@@ -288,8 +288,10 @@ def joined(parts: Sequence[Columns]) -> dict[str, np.ndarray]:
 
 
 def set_aside_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a warning for each run or test that was set aside."""
-    return [f"{what} {row[what]} set aside: {row['why']}" for row in rows for what in list(row)[:1]]
+    """Return a warning for each reason for which runs or tests were set aside."""
+    whys = dict.fromkeys((next(iter(row)), row["why"]) for row in rows)
+    named = [listed([row[what] for row in rows if row["why"] == why]) for what, why in whys]
+    return [f"{what} {of} set aside: {why}" for (what, why), of in zip(whys, named, strict=True)]
 
 
 def span(values: Any) -> tuple[float, float] | None:

@@ -290,11 +290,8 @@ def guided_weight(config: Config, beta: np.ndarray, T_0: np.ndarray) -> list[str
         return []
     rig = config.rig_params()
     # a guided end adds the turn of the spans to the arc, a free one does not
-    spans = Spans(config.belt_params().EI, rig.span)
-    share = np.max(spans.turn(T_0, rig.R) / beta)
-    return [
-        f"a dead weight that swings, not guided, makes mu lower by up to {percent(100 * share)}"
-    ]
+    lower = 100.0 * np.max(Spans(config.belt_params().EI, rig.span).turn(T_0, rig.R) / beta)
+    return [f"a dead weight that swings, not guided, makes mu lower by up to {percent(lower)}"]
 
 
 def recording_columns(
