@@ -180,9 +180,9 @@ def test_zeros_that_drift_by_as_much_in_each_record_do_not_pass_for_a_tail() -> 
 
 def test_a_slow_drift_of_friction_is_kept_and_reported() -> None:
     run = reduce_recipe(BASE.but(drift=0.05))
-    assert run.status == "ok" and 0.8 < run.mu_sliding < 0.8 * 1.05
-    assert run.drift == pytest.approx(0.05, rel=0.5)
-    assert run.mu_sliding_se > 0.8 * 0.05 / np.sqrt(12)  # a drift has no single value
+    assert run.status == "ok"
+    assert 0.8 < run.mu_sliding < 0.8 * 1.05
+    assert (run.drift, run.mu_sliding_se) == pytest.approx((0.05, 0.04 / np.sqrt(12)), rel=0.5)
     assert any("drifts by +" in note for note in run.notes)
 
 
