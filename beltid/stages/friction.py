@@ -164,7 +164,7 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         refuse_implausible(runs, config, kind)
         aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
         if len(aside) == len(runs):
-            raise InputError(set_aside_lines(aside))
+            raise InputError(set_aside_lines(aside, "cannot be used"))
     for run in runs:
         run.condition, run.side = run.condition or conditions.surface, run.side or conditions.side
     # coefficients stated in a table do not depend on the calibration of a rig

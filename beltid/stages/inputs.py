@@ -287,11 +287,12 @@ def joined(parts: Sequence[Columns]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def set_aside_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a warning for each reason for which runs or tests were set aside."""
-    whys = dict.fromkeys((next(iter(row)), row["why"]) for row in rows)
-    named = [listed([row[what] for row in rows if row["why"] == why]) for what, why in whys]
-    return [f"{what} {of} set aside: {why}" for (what, why), of in zip(whys, named, strict=True)]
+def set_aside_lines(rows: Sequence[Mapping[str, Any]], said: str = "set aside") -> list[str]:
+    """Return a line for each reason for which runs or tests were set aside."""
+    return [
+        f"{what} {listed([row[what] for row in rows if row['why'] == why])} {said}: {why}"
+        for what, why in dict.fromkeys((next(iter(row)), row["why"]) for row in rows)
+    ]
 
 
 def span(values: Any) -> tuple[float, float] | None:

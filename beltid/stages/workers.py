@@ -34,7 +34,8 @@ class Workers:
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> list[Result]:
         """Return the results of many calls, in their order."""
-        return [found for _, found in sorted(self.as_ended(function, calls), key=lambda k: k[0])]
+        found = dict(self.as_ended(function, calls))
+        return [found[k] for k in range(len(calls))]
 
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
