@@ -183,18 +183,23 @@ class Bench:
         ]
         return Mixed(self.y, shared, own, level=self.one, scale=self.scale)
 
-    def update(self, sizes: Mapping[str, float]) -> Posterior:
-        """Improve spectrum and noise: a restless run gets less weight, none is set aside."""
-        posterior = self.model().at(sizes)
+    def update(self, sizes: Mapping[str, float]) -> None:
+        """Improve spectrum, powers and noise of the runs.
+
+        A restless run gets less weight, none is set aside. The second step is half a one: full
+        steps may lead there and back for ever.
+        """
         freedom = np.sum(self.one > 0.0, axis=1) - 2.0
-        found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
-        self.A, self.scale = posterior.of("tail")[0], np.asarray(found / np.median(found))
-        return posterior
+        for share in (1.0, 0.5):
+            posterior = self.model().at(sizes)
+            found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
+            self.scale = np.asarray(found / np.median(found))
+            self.A = self.A ** (1.0 - share) * posterior.of("tail")[0] ** share
+            self.powers = self.powers + share * posterior.of("powers")[0]
 
     def search(self, sizes: Mapping[str, float], steps: int) -> None:
         """Improve the shape of the tail and the noise of the runs, then the sizes."""
-        for _ in range(2):
-            self.powers = self.powers + self.update(sizes).of("powers")[0]
+        self.update(sizes)
         self.posterior = self.model().fit(start=sizes, steps=steps, tolerance=1e-6)
 
     def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
@@ -219,14 +224,15 @@ class Bench:
     def tail(self, k: int, travel: Array) -> Array:
         """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
         shared, own = self._decays(k, travel)
-        return np.asarray(shared[:, : self.A.size] @ self.A + own[:, :2] @ self._own[0][k, :2])
+        mean = self.posterior.of("tail")[0]
+        return np.asarray(shared[:, : mean.size] @ mean + own[:, :2] @ self._own[0][k, :2])
 
     def course(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return z of run k with tail and slow decays at such travels [m], and its errors (n,)."""
         p, places = self.posterior, self.posterior.model.places
         shared, own = self._decays(k, travel)
         mean, covariance, lean = (part[k] for part in self._own)
-        z = p.level[k] + shared @ np.append(self.A, p.of("decay")[0]) + own @ mean
+        z = p.level[k] + shared @ np.append(p.of("tail")[0], p.of("decay")[0]) + own @ mean
         variance = p.level_variance[k] - 2.0 * own @ lean + np.sum(own @ covariance * own, axis=1)
         # an error of what all runs share moves level and tail together
         change = np.tile(-p.level_shift[k], (travel.size, 1))
@@ -285,8 +291,7 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     if not few:
         some, bench = bench, Bench(records, centre)
         bench.usual, bench.powers, bench.A = some.usual, some.powers, some.A
-        for _ in range(2):
-            bench.update(some.posterior.sizes)
+        bench.update(some.posterior.sizes)
         bench.posterior = bench.model().at(some.posterior.sizes, some.posterior.converged)
         several = [bench]
     weights = softmax([one.posterior.log_evidence for one in several])
