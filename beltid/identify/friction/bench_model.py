@@ -184,10 +184,9 @@ class Bench:
         return Mixed(self.y, shared, own, level=self.one, scale=self.scale)
 
     def update(self, sizes: Mapping[str, float]) -> None:
-        """Improve spectrum, powers and noise of the runs.
+        """Improve spectrum, powers and noise: a restless run gets less weight, none is set aside.
 
-        A restless run gets less weight, none is set aside. The second step is half a one: full
-        steps may lead there and back for ever.
+        Full steps alone may lead there and back for ever: every other one is half as long.
         """
         freedom = np.sum(self.one > 0.0, axis=1) - 2.0
         for share in (1.0, 0.5):
@@ -199,7 +198,8 @@ class Bench:
 
     def search(self, sizes: Mapping[str, float], steps: int) -> None:
         """Improve the shape of the tail and the noise of the runs, then the sizes."""
-        self.update(sizes)
+        for _ in range(2):
+            self.update(sizes)
         self.posterior = self.model().fit(start=sizes, steps=steps, tolerance=1e-6)
 
     def _decays(self, k: int, travel: Array) -> tuple[Array, Array]:
