@@ -233,21 +233,17 @@ def main() -> None:
         names = [n for n in names if not chosen.rows or any(part in n for part in chosen.rows)]
         if not names:
             continue
-        tasks = [(name, n) for name in names for n in chosen.n]
-        found = {}
+        tasks, cells = [(name, n) for name in names for n in chosen.n], {}
         with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
             results = pool.map(friction, *zip(*tasks, strict=True), repeat(chosen.first))
-            for task, one in zip(tasks, results, strict=True):
-                found[task] = one
-                print(*task, one.cell(), flush=True)
-        cells = dict[tuple[str, int], str]()
-        for (name, n), one in found.items():
-            cells[name, n] = one.cell()
-            beyond += [f"{name} ({n})"] * (not (one.stated or one).within(*ALWAYS))
-            if one.error.size and not one.stated:
-                judged[n].append(not one.within(*USUALLY))
-                if judged[n][-1]:
-                    cells[name, n] = f"**{one.cell()}**"
+            for (name, n), one in zip(tasks, results, strict=True):
+                print(name, n, one.cell(), flush=True)
+                cells[name, n] = one.cell()
+                beyond += [f"{name} ({n})"] * (not (one.stated or one).within(*ALWAYS))
+                if one.error.size and not one.stated:
+                    judged[n].append(not one.within(*USUALLY))
+                    if judged[n][-1]:
+                        cells[name, n] = f"**{one.cell()}**"
         lines = [(name, *(cells[name, n] for n in chosen.n)) for name in names]
         text += f"## {title}\n\n{table(('bench', *(f'n = {n}' for n in chosen.n)), lines)}\n"
     if not chosen.rows:

@@ -160,10 +160,10 @@ class Bench:
         typical_z = self.typical_N * float(np.median(self.c / self.level))
         shared = [
             Shared("tail", columns, Size(1.0, 0.5), self.smooth, self.eta, positive=True),
+            Shared("decay", self.decay, choices=DECAY),
             Shared("powers", by_power, None, np.diag(POWER**-2.0), self.usual - self.powers),
             Shared("zeros", self.zeros, choices=ZEROS),
             Shared("drift", self.drift, choices=DRIFT),
-            Shared("decay", self.decay, choices=DECAY),
             Shared("release", self.rest[..., :1], choices=RELEASE),
             Shared("relaxation", self.rest[..., 1:], choices=RELAXATION),
         ]
@@ -184,12 +184,9 @@ class Bench:
         return Mixed(self.y, shared, own, level=self.one, scale=self.scale)
 
     def update(self, sizes: Mapping[str, float]) -> None:
-        """Improve spectrum, powers and noise: a restless run gets less weight, none is set aside.
-
-        Full steps alone may lead there and back for ever: every other one is half as long.
-        """
+        """Improve spectrum, powers and noise: a restless run has less weight, none is set aside."""
         freedom = np.sum(self.one > 0.0, axis=1) - 2.0
-        for share in (1.0, 0.5):
+        for share in (1.0, 0.5):  # full steps alone may lead there and back for ever
             posterior = self.model().at(sizes)
             found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
             self.scale = np.asarray(found / np.median(found))
@@ -223,21 +220,19 @@ class Bench:
 
     def tail(self, k: int, travel: Array) -> Array:
         """Return the tail of run k at travels since the end of the build-up [m], shape (n,)."""
-        shared, own = self._decays(k, travel)
-        mean = self.posterior.of("tail")[0]
-        return np.asarray(shared[:, : mean.size] @ mean + own[:, :2] @ self._own[0][k, :2])
+        (shared, own), tail = self._decays(k, travel), self.posterior.of("tail")[0]
+        return np.asarray(shared[:, : tail.size] @ tail + own[:, :2] @ self._own[0][k, :2])
 
     def course(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return z of run k with tail and slow decays at such travels [m], and its errors (n,)."""
-        p, places = self.posterior, self.posterior.model.places
-        shared, own = self._decays(k, travel)
+        p, (shared, own) = self.posterior, self._decays(k, travel)
+        first = slice(shared.shape[1])  # coefficients of the tail and of slow decays
         mean, covariance, lean = (part[k] for part in self._own)
-        z = p.level[k] + shared @ np.append(p.of("tail")[0], p.of("decay")[0]) + own @ mean
+        z = p.level[k] + shared @ p.mean[first] + own @ mean
         variance = p.level_variance[k] - 2.0 * own @ lean + np.sum(own @ covariance * own, axis=1)
         # an error of what all runs share moves level and tail together
         change = np.tile(-p.level_shift[k], (travel.size, 1))
-        change[:, places["tail"]] += shared[:, : self.A.size]
-        change[:, places["decay"]] += shared[:, self.A.size :]
+        change[:, first] += shared
         common = np.sum(change @ p.covariance * change, axis=1)
         return z, np.sqrt(np.maximum(variance, 0.0) + common)
 
