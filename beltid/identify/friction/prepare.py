@@ -155,7 +155,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> "SlidingRecord":
     if rest.n_samples >= 8:
         # with a dead weight, the noise may be in the cell or in the ratio of the tensions
         z = [x[at_rest] / sliding.tensions_N @ [1.0, -1.0] for x in (tensions, held)]
-        noise_N = max(_scatter(t[at_rest], x) for x in z) / sliding.sensitivity
+        noise_N = max(_line(t[at_rest], x)[2] for x in z) / sliding.sensitivity
         # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
         floor = max(1e-3 / sliding.sensitivity, float(np.max(rounding_N)))
         ratio = sliding.unrest_N / max(noise_N, floor)
@@ -401,31 +401,17 @@ class Rest:
         # slopes of the difference and of the sum of both cells; a converter that stays on one step
         # hides a slope: each half may be off by its rounding
         jump = np.sqrt(8.0) * rounding / max(float(np.ptp(time)), 1e-12)
-        slopes = np.array([_slope(time, difference), _slope(time, 2.0 * mean)])
+        slopes = np.array([_line(time, difference), _line(time, 2.0 * mean)])
         self.slopes_N_s, self.slope_ses_N_s = slopes[:, 0], np.hypot(slopes[:, 1], jump)
 
 
-def _slope(t: Array, x: Array) -> tuple[float, float]:
-    """Fit the slope of x over t, and its standard error (infinite if unknown)."""
-    slope, residual, squares = _line(t, x)
-    if t.size < 4 or t[0] == t[-1]:
-        return 0.0, float("inf")
-    variance = float(residual @ residual) / (t.size - 2)
-    # correlated noise disturbs a slope more than white noise does
-    return slope, float(np.sqrt(variance * integrated_autocorrelation_time(residual) / squares))
-
-
-def _line(t: Array, x: Array) -> tuple[float, Array, float]:
-    """Fit a straight line over time: slope, residuals, sum of the squared times."""
+def _line(t: Array, x: Array) -> tuple[float, float, float]:
+    """Fit a line over time: slope, its standard error (inf if unknown), scatter about the line."""
     dt = t - t.mean()
     squares = max(float(dt @ dt), 1e-300)
     slope = float(dt @ x) / squares
-    return slope, x - x.mean() - slope * dt, squares
-
-
-def _scatter(t: Array, x: Array) -> float:
-    """Return the standard deviation about a straight line over time."""
-    return float(np.linalg.norm(_line(t, x)[1]) / np.sqrt(t.size - 2))
+    scatter = float(np.linalg.norm(x - x.mean() - slope * dt) / np.sqrt(max(t.size - 2, 1)))
+    return slope, scatter / np.sqrt(squares) if t.size > 3 else np.inf, scatter
 
 
 class SlidingRecord:
@@ -487,7 +473,7 @@ class SlidingRecord:
         self.noise_N = max(difference_sigma(residual), NOISE_FLOOR) / self.sensitivity
         section = np.floor((t - t[0]) / max(rest.last_s - rest.first_s, 1e-9))
         sections = np.split(np.arange(n), np.flatnonzero(np.diff(section)) + 1)
-        scatters = [_scatter(t[of], residual[of]) for of in sections if of.size >= 8]
+        scatters = [_line(t[of], residual[of])[2] for of in sections if of.size >= 8]
         self.unrest_N = float(np.median(scatters or 0.0)) / self.sensitivity
         # of z by coarse converters, which averaging does not reduce
         self.rounding = float(np.linalg.norm(rounding_N / level))
