@@ -13,8 +13,7 @@ ARCS, TENSIONS, SPEEDS = (40.0, 68.0, 82.0), (50.0, 150.0, 270.0, 450.0), (0.05,
 
 
 def campaign(label: str = "R") -> Columns:
-    grid = np.meshgrid(ARCS, TENSIONS, SPEEDS, indexing="ij")
-    arc, tension, speed = (a.ravel() for a in grid)
+    arc, tension, speed = (a.ravel() for a in np.meshgrid(ARCS, TENSIONS, SPEEDS, indexing="ij"))
     n = arc.size
     return {
         "run": np.array([f"{label}{k:03d}" for k in range(n)], dtype=object),
@@ -58,8 +57,7 @@ def test_statistics_of_hand_made_differences() -> None:
     relative = np.zeros(36)
     relative[[0, 1, 2]] = 0.03, -0.04, 0.12  # arc 40°, lowest tension
     simulated["mu_sliding"] = measured["mu_sliding"] * (1 + relative)
-    result = compare_points(measured, simulated)
-    groups = {row["group"]: row for row in result.groups}
+    groups = {row["group"]: row for row in compare_points(measured, simulated).groups}
     arcs, words = ("40°", "68°", "82°"), ("low", "middle", "high")
     thirds = [f"{word} third of the force" for word in words]
     assert list(groups) == ["all points", *(f"arc {a}" for a in arcs), "means over arcs", *thirds]

@@ -68,6 +68,7 @@ def test_spread_of_a_few_samples():
     by_mean = 0.25 * math.sqrt(math.pi / 2)
     assert mad_sigma([5.0, 5.0, 5.0, 6.0]) == pytest.approx(by_mean, rel=1e-12)
     assert math.isnan(mad_sigma([np.inf]))
+    assert mad_sigma([2.0, 2.0]) == 0.0
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -93,6 +94,7 @@ def test_the_last_bit_of_equal_samples_is_no_outlier(size):
 def test_settings_are_distinguished_by_their_relative_gap():
     speeds = np.array([0.0211, 0.005, 0.0105, 0.0209, 0.00502, 0.021])
     assert settings_of(speeds, 0.03).tolist() == [2, 0, 1, 2, 0, 2]
+    assert settings_of(np.array([]), 0.03).size == 0
     values = np.array([100.0, 205.0, np.nan, 102.9, 200.0, -1.0])
     expected = [101.45, 202.5, np.nan, 101.45, 202.5, -1.0]
     assert snap_to_settings(values) == pytest.approx(expected, nan_ok=True)
@@ -101,7 +103,9 @@ def test_settings_are_distinguished_by_their_relative_gap():
 
 def test_noise_of_alternating_and_of_coarse_samples():
     x = 0.3 * (-1.0) ** np.arange(21)
-    assert difference_sigma(x) == pytest.approx(0.6 / NORMAL_QUARTILE / math.sqrt(2.0), rel=1e-12)
+    for samples, step in ((x, 0.6), (np.array([1.0, 3.0]), 2.0), (np.array([1.0]), 0.0)):
+        expected = step / NORMAL_QUARTILE / math.sqrt(2.0)
+        assert difference_sigma(samples) == pytest.approx(expected, rel=1e-12)
     # second differences of 1.2, a ramp does not matter
     ramp = x + 5.0 * np.arange(21.0)
     expected = 1.2 / NORMAL_QUARTILE / math.sqrt(6.0)

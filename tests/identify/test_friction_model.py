@@ -19,6 +19,7 @@ from beltid.identify.friction.bench_model import (
 )
 from beltid.identify.friction.prepare import Rest, SlidingRecord, block_starts, prepare_run
 from beltid.identify.friction.run import run_records
+from beltid.mixed import root
 
 
 def test_covariance_of_block_means_is_the_mean_over_pairs_of_samples():
@@ -37,6 +38,7 @@ def test_covariance_of_block_means_is_the_mean_over_pairs_of_samples():
 def test_blocks_hold_every_sample_once_and_grow(n):
     starts = block_starts(n)
     count = np.diff(np.append(starts, n))
+    assert starts[0] == 0
     assert count.sum() == n
     assert count.min() >= 1
     if n >= 256:
@@ -62,8 +64,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight
     tensions = np.array([400.0, 150.0]) + noise * rng.normal(size=(n + 11, 2))
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
     tensions[211] += 30.0
-    angle = 0.2 * (t - t[0])
-    phase = phases(t, tensions, angle)
+    phase = phases(t, tensions, 0.2 * (t - t[0]))
     record = SlidingRecord(phase, AT_REST, np.array(rounding_N), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
@@ -79,8 +80,7 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     assert record.unrest_N == pytest.approx(0.5, rel=0.15)
     assert np.exp(log_settings([record])[0, 0]) == pytest.approx(0.01, rel=0.01)
     assert record.waves.shape[1] == 0
-    waving = recorded(ripple=4.0)[0]
-    assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+    assert recorded(ripple=4.0)[0].ripple_N == pytest.approx(4.0, abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -152,6 +152,9 @@ def test_the_tail_of_the_model_is_that_of_the_runs():
     z, error = found.course(0, x - 0.01 * 0.02 * 9 / 0.9)
     assert np.all(np.abs(z - level - true) < 3.0 * error)
     assert np.all(error < 3e-3)
+    factor = root(found.posterior.covariance)
+    columns = np.hstack([found.posterior.level_shift @ factor, found.doubt])
+    np.testing.assert_allclose(np.sum(found.shared**2, axis=1), np.sum(columns**2, axis=1))
 
 
 def test_the_spectrum_of_own_tails_is_that_of_the_posterior():

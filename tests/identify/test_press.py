@@ -76,8 +76,7 @@ def test_a_temperature_effect_is_a_slope_and_the_pooled_law_is_that_of_the_refer
     assert found * at_50 == pytest.approx(slope, abs=4.0 * se + 2e-5)
     error, _ = force_errors(result.pooled, lambda d: at_50 * bench.force(d))
     assert error < 1e-3
-    alone = fitted(Bench(temperatures=(22.0,)))
-    assert alone.temperature_matters is None
+    assert fitted(Bench(temperatures=(22.0,))).temperature_matters is None
     record = bench.record()
     record.pop("temperature_degC")
     assert not fit_stiffness(record, SETTINGS).laws
@@ -100,8 +99,7 @@ def test_tests_that_differ_enlarge_the_standard_errors():
 
 @pytest.mark.parametrize("exponent", [1.4, 2.2])
 def test_another_law_is_met_within_the_stated_misfit(exponent):
-    bench = Bench(powers=((1e4 / 1.4e-4**exponent, exponent),))
-    result = fitted(bench)
+    result = fitted(Bench(powers=((1e4 / 1.4e-4**exponent, exponent),)))
     assert not result.quadratic_supported
     assert any("the law misses by up to" in text for text in result.pooled.warnings)
     force = np.concatenate([c.middle_N_m for c in result.recording.curves])

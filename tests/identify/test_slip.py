@@ -107,8 +107,7 @@ def test_swapped_pulleys_generators_and_drives_that_turn_backwards_are_refused()
         fit_slip(columns | {DRIVER: columns[DRIVEN], DRIVEN: columns[DRIVER]}, 0.05)
     with pytest.raises(InputError, match=r"run S00: .*backwards: .*factor of -1 under units"):
         fit_slip(columns | {name: -columns[name] for name in (DRIVER, DRIVEN)}, 0.05)
-    generator = drive(torque=np.arange(-8.0, 9.0))
-    found = statuses(generator)
+    found = statuses(drive(torque=np.arange(-8.0, 9.0)))
     assert [run for run in found if "gains" in found[run]] == [f"S{k:02d}" for k in range(8)]
     assert set(list(found.values())[8:]) == {"ok"}
     one = drive(n=10, seed=7, **LOUD)

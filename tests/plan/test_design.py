@@ -288,8 +288,7 @@ def test_a_session_changes_the_arc_least_and_repeats_last():
     assert sorted(one.run for one in runs) == chosen
     arcs = [settings[one.run][0] for one in runs]
     assert arcs == sorted(arcs)
-    starts = [one.start_minutes for one in runs]
-    assert starts == [0, 5, 10, 15, 50, 55, 60, 65, 70, 75, 80]
+    assert [one.start_minutes for one in runs] == [0, 5, 10, 15, 50, 55, 60, 65, 70, 75, 80]
     at = [place for place, one in enumerate(runs) if one.run == 7]
     assert at == [4, 9, 10]  # first, and again after all others of its arc
     assert [runs[k].repeat for k in at] == [1, 2, 3]
