@@ -116,8 +116,7 @@ def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Pat
         friction.plot("nothing")
     path = friction.save(tmp_path / "friction.parquet", origin="synthetic")
     assert CliRunner().invoke(app, ["build-surface", str(path)]).exit_code == 0
-    surface = beltid.load_surface(tmp_path / "surface.parquet")
-    assert surface == published.result.surface
+    assert beltid.load_surface(tmp_path / "surface.parquet") == published.result.surface
     with pytest.raises(beltid.InputError, match="already exists"):
         friction.save(path)
     with pytest.raises(beltid.InputError, match=r"must end in \.parquet"):
@@ -148,8 +147,7 @@ def test_files_of_the_commands_load(rig: pd.DataFrame, published: Any, tmp_path:
     assert at_60 != law
     with pytest.raises(beltid.InputError, match="temperatures with a law"):
         beltid.load_stiffness(tmp_path / "stiffness.parquet", temperature_degC=120)
-    surface = beltid.load_surface(tmp_path / "surface.parquet")
-    assert surface == published.result.surface
+    assert beltid.load_surface(tmp_path / "surface.parquet") == published.result.surface
     with pytest.raises(beltid.ArtifactError, match="is a stiffness artifact"):
         beltid.load_surface(tmp_path / "stiffness.parquet")
 

@@ -55,8 +55,7 @@ def test_other_channels_are_not_taken_for_ours():
 
 
 def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
-    path = bench(tmp_path, "time_ms;displacement_mm;force_kN", PRESS_ROWS)
-    found = read(path, "press").columns
+    found = read(bench(tmp_path, "time_ms;displacement_mm;force_kN", PRESS_ROWS), "press").columns
     np.testing.assert_allclose(found["force_N"], [1e4, 2e4, 3e4], rtol=1e-12)
     np.testing.assert_allclose(found["time_s"], [0.0, 0.001, 0.002], rtol=1e-12)
     # an optional column that is not read would change what the others mean

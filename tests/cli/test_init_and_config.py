@@ -60,8 +60,7 @@ def test_init_writes_what_the_recordings_state(beltid: Any) -> None:
 
 def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid: Any) -> None:
     beltid("init", "new")
-    text = Path("new.yaml").read_text()
-    Path("all.yaml").write_text(text.replace("\n  # ", "\n  "))
+    Path("all.yaml").write_text(Path("new.yaml").read_text().replace("\n  # ", "\n  "))
     assert load_config("all.yaml").model_dump() == load_config("new.yaml").model_dump()
     assert len(load_config("all.yaml").uncertainty.model_fields_set) > 10
 

@@ -109,8 +109,7 @@ def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
 
 
 def verdict(folder: Path) -> str:
-    text = (folder / "report.html").read_text()
-    found = re.search(r'id="verdict">([^<]*)<', text)
+    found = re.search(r'id="verdict">([^<]*)<', (folder / "report.html").read_text())
     assert found
     return found[1]
 

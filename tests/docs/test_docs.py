@@ -168,8 +168,7 @@ def test_every_equation_is_where_its_page_says() -> None:
     names = re.findall(r"`(beltid[.\w]+)`", page)
     assert len(names) > 20
     assert [name for name in names if pydoc.locate(name) is None] == []
-    told = {int(number) for number in re.findall(r"\((\d+)\)", page)}
-    assert told == set(range(1, 13))
+    assert {int(number) for number in re.findall(r"\((\d+)\)", page)} == set(range(1, 13))
 
 
 def test_a_stage_of_ones_own_is_a_command_and_up_to_date_when_it_is(

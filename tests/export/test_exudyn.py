@@ -75,8 +75,7 @@ class ExudynRig:
 
     def _hold(self, node: Any, coordinate: int) -> tuple[Any, Any]:
         marker = self._coordinate(node, coordinate)
-        ends = [self.ground, marker]
-        held = {"objectType": "ConnectorCoordinate", "markerNumbers": ends}
+        held = {"objectType": "ConnectorCoordinate", "markerNumbers": [self.ground, marker]}
         return self.mbs.AddObject(held), marker
 
     def solve(self) -> None:

@@ -63,8 +63,7 @@ def test_unknown_standard_errors_and_a_law_without_range_come_back() -> None:
 
 
 def test_the_covariance_comes_back_to_the_bit(law: ContactLaw) -> None:
-    rng = np.random.default_rng(2)
-    factor = 0.01 * rng.normal(size=(8, 5, 4))
+    factor = 0.01 * np.random.default_rng(2).normal(size=(8, 5, 4))
     surface = law.surface.with_covariance(factor, ["gain", "radius"])
     known = law.model_copy(update={"friction": friction_part(surface, "refined")})
     document = json.loads(law_text(known))

@@ -130,8 +130,7 @@ BENCHES = {
 def test_what_a_bench_measures(name: str, tmp_path: Path) -> None:
     bench, config, channels = BENCHES[name]
     rig = benches.Rig(**bench)
-    frame = rig.recording()[["time_s", *GEOMETRY, *channels]]
-    said = friction(tmp_path, frame, config)
+    said = friction(tmp_path, rig.recording()[["time_s", *GEOMETRY, *channels]], config)
     keep(name, said, tmp_path, rig.runs()["mu"].tolist(), slice(None, None, 4))
 
 

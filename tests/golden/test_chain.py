@@ -156,8 +156,7 @@ def test_compare_says_whether_it_agrees(bench: Path) -> None:
 
 
 def test_runs_left_out_are_predicted(small: Path) -> None:
-    path = small / "runs/small/crossvalidation.parquet"
-    found = columns(path, "run mu_measured mu_simulated")
+    found = columns(small / "runs/small/crossvalidation.parquet", "run mu_measured mu_simulated")
     kept.check("chain/small_hold_out", {"columns": found})
 
 

@@ -36,8 +36,7 @@ class Case:
 
     def read(self, folder: Path) -> None:
         """Write and read it; check that every column is as it was written."""
-        path = folder / self.write(folder)
-        found = READ[self.kind](path, configured(folder, self.config))
+        found = READ[self.kind](folder / self.write(folder), configured(folder, self.config))
         true = (w.TRUE[self.kind] if self.true is None else self.true).drop(columns=[*self.lacks])
         assert len(found) == len(true)
         for name in true:

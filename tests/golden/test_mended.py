@@ -88,8 +88,7 @@ def test_a_torque_must_give_the_radius(tmp_path: Path) -> None:
     rig = benches.Rig(tensions_N=(200.0,))
     frame = rig.recording().drop(columns=["hub_force_N", "weight_N"])
     frame["torque_N_m"] /= 0.1129848
-    only = frame.drop(columns="tension_tight_N")
-    refused(friction(tmp_path, only), "torque_N_m")
+    refused(friction(tmp_path, frame.drop(columns="tension_tight_N")), "torque_N_m")
 
 
 def test_full_slip_is_called_so() -> None:
@@ -116,8 +115,7 @@ def test_rods_are_the_default() -> None:
 
 
 def test_a_last_row_without_a_line_feed_counts(tmp_path: Path) -> None:
-    frame = benches.press()
-    text = frame.to_csv(index=False)
+    text = benches.press().to_csv(index=False)
     (tmp_path / "whole.csv").write_text(text)
     (tmp_path / "cut.csv").write_text(text.rstrip("\n"))
     whole = beltid_api.read_press(tmp_path / "whole.csv")

@@ -90,8 +90,7 @@ def test_out_of_tolerance(two_belts: Path, tmp_path: Path) -> None:
     config["compare"] = {"max_rms_relative_error": 1e-4}
     shutil.copytree(two_belts, tmp_path, dirs_exist_ok=True)
     configured(tmp_path, config, "two.yaml")
-    said = beltid(tmp_path, "run two.yaml --no-report --out runs --jobs 1")
-    assert said.status == 4
+    assert beltid(tmp_path, "run two.yaml --no-report --out runs --jobs 1").status == 4
 
 
 def test_stopped_from_outside(two_belts: Path, tmp_path: Path) -> None:
@@ -120,8 +119,7 @@ def test_stopped_from_outside(two_belts: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS.split())
 def test_help(command: str) -> None:
-    said = done(ROOT, command, "--help")
-    assert command in said.stdout
+    assert command in done(ROOT, command, "--help").stdout
 
 
 def test_usage() -> None:
@@ -166,6 +164,5 @@ def test_no_usable_law_is_a_numerical_failure(tmp_path: Path) -> None:
     rows = ["test,time_s,displacement_mm,force_N"]
     rows += [f"P,{k * 0.1:.1f},{k * 0.001:.3f},{100 + k % 2}" for k in range(200)]
     (tmp_path / "press.csv").write_text("\n".join(rows) + "\n")
-    said = beltid(tmp_path, "fit-stiffness press.csv")
-    assert said.status in (2, 3)
+    assert beltid(tmp_path, "fit-stiffness press.csv").status in (2, 3)
     assert not (tmp_path / "stiffness.parquet").exists()

@@ -102,8 +102,7 @@ def test_links_of_hdf5_by_which_it_may_be_left_are_not_followed(tmp_path, name):
 
 def test_names_in_files_cannot_command_a_terminal(tmp_path):
     path = tmp_path / "rig.csv"
-    names = ",".join(rig())
-    path.write_text(names + "\n\x1b]0;owned\x07[red]\u202e,0,x,1,1,1,1,1\n")
+    path.write_text(",".join(rig()) + "\n\x1b]0;owned\x07[red]\u202e,0,x,1,1,1,1,1\n")
     result = CliRunner().invoke(app, ["fit-friction", str(path)])
     assert result.exit_code == 2
     assert '"x", must be a number' in result.stderr

@@ -44,8 +44,7 @@ def test_mean_force_is_the_mean_of_the_force_along_the_arc(
 ) -> None:
     slack = tight / math.exp(mu * beta)
     integral, _ = quad(lambda phi: float(capstan.normal_force(phi, tight, mu, R)), 0.0, beta)
-    mean = capstan.mean_normal_force(tight, slack, R)
-    assert mean == pytest.approx(integral / beta, rel=1e-9)
+    assert capstan.mean_normal_force(tight, slack, R) == pytest.approx(integral / beta, rel=1e-9)
 
 
 @pytest.mark.parametrize("x", [0.0, 1e-12, 1e-9, 0.99e-8, 1.01e-8, 1e-6, 1e-4])

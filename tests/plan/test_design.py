@@ -107,8 +107,7 @@ def test_greedy_with_exchange_comes_within_5_percent_of_the_best_choice():
 
 @pytest.mark.parametrize("count", [2, 3, 6])
 def test_a_plan_has_two_arcs_and_a_repeated_run_though_the_noise_asks_for_neither(count):
-    x = np.linspace(-1.0, 1.0, 10)
-    runs = line(x, arcs=2)
+    runs = line(np.linspace(-1.0, 1.0, 10), arcs=2)
     quiet = RunRows(runs.J, runs.S, np.where(runs.arc == 0, 1.0, 50.0), runs.arc)
     chosen = choose_runs(VAGUE, quiet, MEAN_OVER_LINE, count)
     assert len(chosen) == count

@@ -118,8 +118,7 @@ def test_measured_against_simulated_are_the_means_over_arcs() -> None:
         assert sorted(np.concatenate(drawn_as).tolist()) == pytest.approx(means)
     back = [{**row, "pulley_speed_rad_s": -row["pulley_speed_rad_s"]} for row in rows]
     reverse = drawn("averaged:{name}", results(compare=stating(sheet, averaged=back)), "compare")
-    names = reverse[0].get_legend_handles_labels()[1]
-    assert names == axes.get_legend_handles_labels()[1]
+    assert reverse[0].get_legend_handles_labels()[1] == axes.get_legend_handles_labels()[1]
 
 
 def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
@@ -130,8 +129,7 @@ def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
 
 
 def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
-    two = [results("one"), results("two")]
-    (over_speed,) = CHARTS["belts-speed"].pictures(two)
+    (over_speed,) = CHARTS["belts-speed"].pictures([results("one"), results("two")])
     assert over_speed.figure is not None
     assert {"one", "two"} <= {x.get_label() for x in over_speed.figure.axes[0].get_lines()}
     assert "4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000

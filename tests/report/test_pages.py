@@ -169,8 +169,7 @@ def test_gallery_has_every_run_at_one_scale_and_marks_those_set_aside(page: str)
 
 
 def test_names_cannot_bring_markup_along() -> None:
-    names = ("friction", "rig_curves", "stiffness")
-    whole = {name: sheets()[name] for name in names}
+    whole = {name: sheets()[name] for name in ("friction", "rig_curves", "stiffness")}
     labels, status = FRICTION["run"].copy(), FRICTION["status"].copy()
     labels[:], status[0] = NAUGHTY + "\x1b[31m\u202e", NAUGHTY
     row = source(NAUGHTY, "stated", 1.0) | {"quantity": NAUGHTY}

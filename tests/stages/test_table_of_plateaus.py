@@ -66,8 +66,7 @@ def test_a_running_belt_is_known_by_its_speed():
     effective = (table["tension_tight_N"] - turning) / (table["tension_slack_N"] - turning)
     expected = np.log(effective) / np.radians(table["arc_deg"])
     table.loc[1, "pulley_speed_rad_s"] = BELT_SPEED / R  # goes with the belt
-    outcome = fit_friction(table)
-    found, slides = outcome.to_frame(), np.arange(24) != 1
+    found, slides = fit_friction(table).to_frame(), np.arange(24) != 1
     assert found["mu_sliding"][slides].to_numpy() == pytest.approx(expected[slides], rel=1e-12)
     assert "slip_speed_m_s = 0" in found["status"][1]
     assert (found["status"] == "ok").tolist() == slides.tolist()

@@ -63,8 +63,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 def test_same_content_same_bytes(tmp_path: Path) -> None:
-    turned = dict(reversed(COLUMNS.items()))
-    assert artifact_bytes(turned, RECORD) == DATA
+    assert artifact_bytes(dict(reversed(COLUMNS.items())), RECORD) == DATA
     read = artifact_from_bytes(DATA, tmp_path)
     assert artifact_bytes(read.columns, read.record) == DATA
 
@@ -102,8 +101,7 @@ def test_what_another_program_changed_is_refused(tmp_path: Path) -> None:
     table = pq.read_table(path)
     new = pa.array([6.5e7, 6.6e7])
     index = table.column_names.index("k_linear_N_m2")
-    field = table.schema.field(index)
-    pq.write_table(table.set_column(index, field, new), path)
+    pq.write_table(table.set_column(index, table.schema.field(index), new), path)
     with pytest.raises(ArtifactError, match="damaged"):
         read_artifact(path)
     stated = dict(table.schema.metadata)

@@ -69,8 +69,7 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
 ) -> None:
     # the first source scales all nodes together; one more column is scatter
     nodes = np.ones(TRUE_SURFACE.mu_nodes.shape)
-    sources = stated_sources(GIVEN, (RIG_,), 2)
-    names = [source.error for source in sources]
+    names = [source.error for source in stated_sources(GIVEN, (RIG_,), 2)]
     factor = np.stack([SHARE * nodes, 0.0 * nodes, OWN * nodes], axis=-1)
     found = doubt(scaled(1.0).with_covariance(factor, names[:2]))
     change = found.simulated - plain.simulated
