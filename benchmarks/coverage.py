@@ -49,7 +49,7 @@ HIDDEN: dict[str, tuple[int, dict[str, float]]] = {
     "by 1 N": (20, {"cell_offset_N": 1.0}),
     "twenty times longer": (20, {}),
     "once per turn": (5, {}),
-    "once a turn": (120, {}),
+    "once a turn": (5, {}),
 }
 """Part of a fault's name (the first that fits) -> most runs that hide it, what is stated of it.
 

@@ -32,9 +32,9 @@ ROWS = (
 )
 MODULES = (bench_model, prepare, reduction)
 CONSTANTS = (
-    *("POWER", "ZEROS", "RELEASE", "RELAXATION", "DRIFT", "DECAY", "FREE", "FREEDOM"),
+    *("USUAL_M", "POWER", "ZEROS", "RELEASE", "RELAXATION", "DRIFT", "DECAY", "FREE", "FREEDOM"),
     *("CELL_ZEROS", "HELD", "OWN_SIZE", "GAINS", "SETTINGS", "SCATTER", "OUTLIER", "SPIKE"),
-    *("MAX_ERROR", "MAX_DRIFT", "MAX_TAIL", "MAX_MISFIT", "MAX_NOISE_RATIO"),
+    *("MAX_ERROR", "MAX_DRIFT", "MAX_TAIL", "MAX_WAVE", "MAX_MISFIT", "MAX_NOISE_RATIO"),
 )
 TERMS = (
     *("tail", "white", *(f"memory {tau:g} s" for tau in bench_model.MEMORIES_S[:-1])),

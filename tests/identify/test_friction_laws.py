@@ -78,8 +78,7 @@ def test_a_speed_scale_far_below_the_measured_speeds_is_not_determined() -> None
 
 def test_a_shared_error_is_the_error_of_the_level() -> None:
     """All points wrong by 1 % together: the level is known to 1 %, the exponent as before."""
-    rng = np.random.default_rng(3)
-    mu = clean("power") * (1.0 + 0.002 * rng.normal(size=FORCE.size))
+    mu = clean("power") * (1.0 + 0.002 * np.random.default_rng(3).normal(size=FORCE.size))
     own = 0.002 * np.eye(FORCE.size)
     with_gain = np.column_stack([own, np.full(FORCE.size, 0.01)])
     alone, shared = (

@@ -164,12 +164,15 @@ def test_the_spectrum_of_own_tails_is_that_of_the_posterior():
     assert bench.A.sum() == pytest.approx(bench.posterior.of("tail")[0].sum(), rel=0.1)
 
 
-def of_cells(T, D, se):
+def of_cells(T, D, se, d=1.0):
     """Correction, its variance, the shared error and the share held of runs with such a rest."""
-    runs, ends = [SimpleNamespace(swapped=False, notes=()) for _ in T], []
-    for tension, difference in zip(T, D, strict=True):
+    runs, ends = [], []
+    for k, (tension, difference, way) in enumerate(np.broadcast(T, D, d)):
+        runs.append(SimpleNamespace(swapped=way < 0.0, notes=(), arc_deg=60.0))
         rest = SimpleNamespace(tension_N=tension, imbalance_N=difference, imbalance_se_N=se)
-        ends.append(SimpleNamespace(rest=rest, tensions_N=(1.7 * tension, 0.6 * tension)))
+        sliding = {"travel": [0.0, 0.1 + 0.1 * k], "middle_s": [0.0, 1.0], "level": 1.04}
+        tensions_N = (1.7 * tension, 0.6 * tension)
+        ends.append(SimpleNamespace(rest=rest, tensions_N=tensions_N, **sliding))
     found = cell_errors(runs, ends, 1.04 + 0.0 * T, 1e-3 + 0.0 * T)
     return np.array([*found, [run.held for run in runs]]).T
 
@@ -188,3 +191,10 @@ def test_an_imbalance_at_one_tension_is_half_taken_off_and_half_stated():
     half = 0.25 * (1 / 340.0 + 1 / 120.0)
     assert np.diff(mean) == pytest.approx(half * np.diff(D), rel=1e-3)
     assert np.all(np.sqrt(variance) > 0.95 * half * np.abs(D - D.mean()))
+
+
+def test_five_settings_in_both_directions_do_not_tell_a_gain_from_held_friction():
+    """Friction may change with each setting as a gain would change it: nothing is a gain here."""
+    d, T = np.array([1, -1, 1, -1, 1]), np.array([380.0, 80.0, 210.0, 140.0, 290.0])
+    mean, variance, common, _ = of_cells(T, 0.02 * d * T, 0.05, d).T
+    assert np.all(np.abs(mean) < 1.5 * np.sqrt(variance + common**2))

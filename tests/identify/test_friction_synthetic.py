@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from golden import benches
 from hypothesis import assume, example, given, settings, strategies as st
-from virtual_rig import Recipe, bench, draw, record, reduce_runs, with_memory
+from virtual_rig import CASES, Recipe, bench, case, draw, record, reduce_runs, with_memory
 
 from beltid.identify.friction.reduction import RunReduction
 
@@ -145,12 +145,10 @@ def test_what_a_run_survives_is_reported() -> None:
         (BASE.but(mu=0.001, peak=0.0), "never slides"),
         (BASE.but(mu=3.5), "mu_sliding = 3."),
         (BASE.but(offset=80.0), "the cells differ by +"),
-        (BASE.but(drift=0.2), ("never settles", "drifts")),
+        (BASE.but(drift=0.2), "drifts, or goes with the turn of the pulley: mu is 13 % off"),
     ],
 )
-def test_runs_without_a_credible_plateau_are_set_aside(
-    recipe: Recipe, reason: str | tuple[str, ...]
-) -> None:
+def test_runs_without_a_credible_plateau_are_set_aside(recipe: Recipe, reason: str) -> None:
     assert reduce_recipe(recipe).status.startswith(reason)
 
 
@@ -306,3 +304,16 @@ def test_sticking_coefficient_meets_the_truth_at_every_speed_that_resolves_it(be
     assert np.sqrt(np.mean((error / se)[seen] ** 2)) < 1.5
     assert np.max(np.abs(error[seen])) < 0.03
     assert [not run.mu_sticking_reason for run in runs] == seen.tolist()
+
+
+def test_a_wave_once_per_turn_is_no_zero_that_wanders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 2 %, over half a turn: it made mu 1 % wrong, now 0.2 %."""
+
+    def once_per_turn(f: Any, rng: np.random.Generator) -> None:
+        phase = 0.21 * (f.time - 1.0) + rng.uniform(0.0, 2.0 * np.pi, (len(f.time), 1))
+        f.cells *= np.exp(np.multiply.outer([0.5, -0.5], 0.02 * np.sin(phase) * (f.time > 1.0)))
+
+    monkeypatch.setitem(CASES, "wave", case(once_per_turn, duration=18.0))
+    columns, mu = draw("wave", 6)
+    found = [run.mu_sliding for run in reduce_runs(columns, 0.05)]
+    np.testing.assert_allclose(found, mu, rtol=0.003)

@@ -68,8 +68,7 @@ def test_known_law_comes_back_between_the_scattered_points() -> None:
 
 def test_speed_scatter_of_the_motor_is_taken_off() -> None:
     data = runs()
-    rng = np.random.default_rng(3)
-    v = data["v"] * (1 + 0.008 * rng.uniform(-1, 1, 120))
+    v = data["v"] * (1 + 0.008 * np.random.default_rng(3).uniform(-1, 1, 120))
     scattered = {**data, "v": v, "mu": law(data["f"], v)}
     grid = build(scattered).average
     assert grid.slip_speed_m_s == pytest.approx(SPEEDS, rel=3e-3)

@@ -37,6 +37,7 @@ from beltid.mixed import Mixed, Own, Posterior, Shared, Size, root
 MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
 """Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""
 LENGTHS_M = np.geomspace(3e-4, 0.3, 20)  # lengths l_k of the exponentials of a tail
+USUAL_M = 2.5e-3  # usual length of a tail
 FREE = 0.1  # standard deviation of ripples and of the rest of the build-up, in z: practically free
 OVER_TRAVEL, OVER_TIME, POWER = np.array([[0.0, 0.2, 0.2], [1.0, 0.2, 0.2], [0.2, 0.3, 0.3]])
 """Usual powers of speed, tension and level in the length of a tail, which grows with the force that
@@ -50,6 +51,7 @@ RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
 RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
+FIRST_WAVE = 0.01  # first guess of a wave once per turn: much smaller ones have no slope
 FIRST_STEPS, STEPS = 15, 100  # of the search for the sizes in the first turn, and in the second
 
 
@@ -150,8 +152,8 @@ class Bench:
         # noise that is slower than the sliding shows at rest only
         at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
         self.slow_N = max(float(np.median(at_rest / np.sqrt(n))), self.typical_N)
-        log_l, longest = np.log(LENGTHS_M), max(float(r.travel[-1]) for r in records)
-        self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(4e-3, longest / 9.0))) ** 2
+        log_l = np.log(LENGTHS_M / USUAL_M)
+        self.eta = np.log(0.05) - 1.5 - 0.5 * log_l**2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
         self.usual = self.powers = OVER_TRAVEL
@@ -263,16 +265,20 @@ class Bench:
         size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
         return size[:, None] * np.sqrt(np.column_stack([1.0 - share, share]))
 
+    def effect(self, name: str) -> Array:
+        """Return what an effect of the runs' own changes z by, in the rows of the model (R, m)."""
+        p = self.posterior
+        parts = p.model.parts[[term.name for term in p.model.own].index(name)]
+        Pe = np.einsum("rij,rj->ri", p.P, p.residual)
+        return np.asarray(p.sizes[name] ** 2 * self.c[:, None] * np.einsum("rij,rj->ri", parts, Pe))
+
     @property
     def visible_drift(self) -> Array:
         """Visible change of z by wandering zeros and drift of mu over the sliding (R,)."""
-        p = self.posterior
-        Pe = np.einsum("rij,rj->ri", p.P, p.residual)
-        sizes = np.array([p.sizes[f"memory {MEMORIES_S[-2]:g} s"], p.sizes["walk"]])
-        wander = np.einsum("k,krij,rj->ri", sizes**2, self.memory[-2:], Pe) * self.c[:, None]
+        wander = self.effect(f"memory {MEMORIES_S[-2]:g} s") + self.effect("walk")
         last = [r.z.size + 1 for r in self.records]
-        change = wander[np.arange(len(last)), last] - wander[:, 2]
-        return np.asarray(change + p.of("drift")[0][0] * self.level)
+        drift = self.posterior.of("drift")[0][0] * self.level
+        return np.asarray(wander[np.arange(len(last)), last] - wander[:, 2] + drift)
 
 
 def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
@@ -284,12 +290,13 @@ def fit_bench(records: Sequence[SlidingRecord]) -> Bench:
     centre, count = settings.mean(axis=0), min(len(records), RUNS)
     few, chosen = count == len(records), np.linspace(0, len(records) - 1, count).astype(int)
     some = Bench([records[i] for i in chosen], centre)
+    # slow noise and waves from above, too: a size that is too small may have no slope
+    slow = {f"memory {tau:g} s": 3.0 * some.slow_N for tau in MEMORIES_S[:-1]}
     for usual in (OVER_TRAVEL, OVER_TIME)[: 1 + int(np.ptp(settings[:, 0]) > 0.05)]:
-        # slow noise from above, too: a size that is too small may have no slope
-        for memories in (MEMORIES_S[:-1], ())[: 1 + few]:
+        for first in ({"turn": FIRST_WAVE} | slow, {})[: 1 + few]:
             trial = copy(some)
             trial.usual = trial.powers = usual
-            trial.search({f"memory {tau:g} s": 3.0 * some.slow_N for tau in memories}, FIRST_STEPS)
+            trial.search(first, FIRST_STEPS)
             several.append(trial)
     several = several if few else [max(several, key=lambda one: one.posterior.log_evidence)]
     for one in several:
@@ -338,42 +345,56 @@ def cell_errors(
     T, D, se = np.array(
         [(r.rest.tension_N, r.rest.imbalance_N, r.rest.imbalance_se_N) for r in records]
     ).T
+    level = np.maximum(level, 1e-6)
     d, noise = np.where([run.swapped for run in runs], -1.0, 1.0), np.maximum(se, 1e-5 * T)
-    unit = float(np.median(T))
-    gains = [(k * max(np.sqrt(2.0) * gain_rel, 1e-6), p) for k, p in GAINS]
-    shared = [Shared("zero", d[:, None] * unit, choices=CELL_ZEROS)]
-    if both_ways := bool(np.ptp(d) > 0.0):
-        gain, gain_sd = _gain_by_directions(runs, T, d, level, level_se, gains)
-        shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
-    elif free_at_rest:
-        shared.append(Shared("gain", (d * T)[:, None], choices=gains))
-    held = [] if free_at_rest else [T, d * T][: 1 + both_ways]
-    shared += [Shared(f"held {k}", x[:, None], choices=HELD) for k, x in enumerate(held)]
+    unit, both_ways = float(np.median(T)), bool(np.ptp(d) > 0.0)
+    v, x, _ = (log_settings(records) - log_settings(records).mean(axis=0)).T
+    settings = np.column_stack([x**0, x, v, x**2, v**2, x * v])
+    log_mu = np.log(level / [run.arc_deg for run in runs])
+    none, one = 0.0 * T, 1.0 + 0.0 * T
+
+    def rows(of_rest: Array, of_sliding: Array) -> Array:
+        """Stack what concerns D and ln mu, of which only runs in both directions tell."""
+        return np.stack([of_rest, both_ways * of_sliding], axis=1)
+
     inverse = 1.0 / np.array([record.tensions_N for record in records])
     q, q_common = 0.5 * inverse.sum(axis=1), 0.5 * (inverse[:, 1] - inverse[:, 0])
-    # changes of e by the coefficients; the second is that of the gain where it can be seen
-    effect = np.zeros((D.size, len(shared)))
-    effect[:, 0], effect[:, 1] = d * q * unit, d * (both_ways or free_at_rest)
+    gains = [(k * max(np.sqrt(2.0) * gain_rel, 1e-6), p) for k, p in GAINS]
+    known, seen = ((1e-9, 1.0),), both_ways or free_at_rest
+    held = known if free_at_rest else HELD
+    shared = [
+        Shared("zero", rows(d * unit, d * q * unit / level), choices=CELL_ZEROS),
+        Shared("gain", rows(d * T, d / level), choices=gains if seen else known),
+        Shared("held", rows(T, none), choices=held),
+        Shared("held to one side", rows(d * T, none), choices=held if both_ways else known),
+        Shared("settings", rows(0.0 * settings, settings), Size(SETTINGS)),
+    ]
+    effect = np.zeros((T.size, 4 + settings.shape[1]))  # changes of e by the coefficients
+    effect[:, 0], effect[:, 1] = d * q * unit, d
     evidence, found = list[float](), list[Array]()
     # what differs from run to run is zeros, or else friction that is held
     for zeros_differ in [True] if free_at_rest else [True, False]:
-        own = Own("own", OWN_SIZE, diagonal=unit * np.ones(D.size) if zeros_differ else T)
-        posterior = Mixed(D, shared, [Own("noise", Size(1.0), diagonal=noise), own]).fit()
+        own = [
+            Own("noise", Size(1.0), diagonal=rows(noise, level_se / level)),
+            Own("own", OWN_SIZE, diagonal=rows(unit * one if zeros_differ else T, none)),
+            Own("scatter", SCATTER, diagonal=rows(none, one)),
+        ]
+        posterior = Mixed(rows(D, log_mu - log_mu.mean()), shared, own).fit()
         own_N = posterior.sizes["own"] * unit * zeros_differ
         part = own_N**2 / (np.square(noise) + own_N**2)
         # errors by the coefficients change the residual, too, from which w follows
-        slopes = effect - (q * part)[:, None] * posterior.model.X[0]
+        slopes = effect - (q * part)[:, None] * posterior.model.X[:, 0]
         # the common error of both zeros has the size of their difference
         square = (posterior.mean[0] ** 2 + posterior.covariance[0, 0]) * unit**2
-        zeros = posterior.mean[0] * unit + d * part * posterior.residual[0]
-        mean = effect @ posterior.mean + q * part * posterior.residual[0]
+        zeros = posterior.mean[0] * unit + d * part * posterior.residual[:, 0]
+        mean = effect @ posterior.mean + q * part * posterior.residual[:, 0]
         variance = own_N**2 * (q**2 * (1.0 - part) + q_common**2)
         common = np.sum((slopes @ root(posterior.covariance)) ** 2, axis=1) + q_common**2 * square
         evidence.append(posterior.log_evidence)
         found.append(np.array([mean, zeros, variance, common]))
     weights = softmax(evidence)
     mean, zeros, variance, common = np.tensordot(weights, found, 1)
-    variance = variance + weights @ np.square([one[0] - mean for one in found])
+    variance = variance + weights @ np.square([part[0] - mean for part in found])
     common = np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(common)
     gain = float((d * mean - q * zeros)[0])  # what (S4) has beside the zeros
     held_shares = (D - d * (zeros + gain * T)) / T
@@ -381,34 +402,6 @@ def cell_errors(
         run.held = share
         run.notes += _notes(zero_N, T_0, float(np.mean(zeros)), float(np.std(zeros)), gain)
     return mean, variance, common
-
-
-def _gain_by_directions(
-    runs: Sequence[RunReduction],
-    T: Array,
-    d: Array,
-    level: Array,
-    level_se: Array,
-    gains: Sequence[tuple[float, float]],
-) -> tuple[float, float]:
-    """Return the difference of the gains and its error from ln mu over the settings."""
-    speed = np.array([run.pulley_speed_rad_s for run in runs])
-    log_mu = np.log(np.maximum(level, 1e-6) / np.radians([run.arc_deg for run in runs]))
-    x, v = (np.log(a) - np.log(a).mean() for a in (T, speed))
-    model = Mixed(
-        log_mu,
-        [
-            Shared("mean", np.ones((x.size, 1))),
-            Shared("powers", np.column_stack([x, v, x**2, v**2, x * v]), Size(SETTINGS)),
-            Shared("gain", (d / level)[:, None], choices=gains),
-        ],
-        [
-            Own("noise", Size(1.0), diagonal=level_se / level),
-            Own("scatter", SCATTER, diagonal=np.ones(x.size)),
-        ],
-    )
-    mean, covariance = model.fit().of("gain")
-    return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
 def _notes(

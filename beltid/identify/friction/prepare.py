@@ -391,11 +391,11 @@ class Rest:
         # mean of both cells over the rest and over its last samples
         self.tension_N, self.end_N = float(np.mean(mean)), float(np.mean(mean[-last:]))
         rounding = float(np.linalg.norm(rounding_N))
-        spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
-        se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
+        independent = max(n - 1.0, 1.0) / integrated_autocorrelation_time(difference)
+        se = float(np.std(difference)) / np.sqrt(independent)
         # tight minus slack cell
         self.imbalance_N, self.imbalance_se_N = (
-            float(np.mean(difference)),
+            float(difference.mean()),
             float(np.hypot(se, rounding)),
         )
         # slopes of the difference and of the sum of both cells; a converter that stays on one step

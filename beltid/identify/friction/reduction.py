@@ -147,6 +147,7 @@ STEADY = 0.005  # remaining change of the tail, relative to mu, at which the pla
 MAX_ERROR = 0.05  # largest relative standard error of mu_sliding of an accepted run
 MAX_DRIFT = 0.1  # largest relative drift of mu over the sliding phase
 MAX_TAIL = 0.025  # largest tail left at the end of a record: beyond, it would be extrapolated
+MAX_WAVE = 0.03  # largest wave once per turn in a record of less than half a turn
 MAX_MISFIT = 4.0  # largest noise about the model of the bench, over that of the other runs
 MAX_PEAK_ERROR = 0.02  # largest relative standard error of mu_sticking of a resolved peak
 JOINED = 3.0  # largest distance of a sample on the model, in standard deviations of the noise
@@ -222,6 +223,7 @@ def _reduce_together(
     relaxed = float(np.median([r.rest.end_N / r.rest.tension_N for r in records]))
     level, drift = bench.mean, bench.visible_drift
     own = bench.variance + np.square([record.rounding for record in records])
+    waves = np.abs(bench.effect("turn")).max(axis=1) / level
     errors, variance, common = cell_errors(
         runs, records, level, np.sqrt(own), gain_rel, free_at_rest
     )
@@ -236,6 +238,12 @@ def _reduce_together(
             mu = y / float(np.radians(run.arc_deg))
             reject(not 0.0 < mu <= MAX_MU, f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
             _set_plateau(run, record, bench.tail(k, record.travel), y, float(y_ses[k]), R)
+            reject(
+                waves[k] > MAX_WAVE and record.travel[-1] < np.pi * R,
+                f"drifts, or goes with the turn of the pulley: mu is {100 * waves[k]:.2g} % off "
+                f"its mean in less than half a turn, allowed is {100 * MAX_WAVE:g} %; "
+                "slide a whole turn",
+            )
             _check_fit(run, record, bench, k)
             run.status = "ok"
             run.mu_sticking_reason = _set_peak(run, record, bench, k, y)
@@ -325,8 +333,7 @@ def _set_peak(run: RunReduction, record: SlidingRecord, bench: Bench, k: int, y:
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate back to the end of the build-up, not beyond
     model, _ = bench.course(k, np.maximum(travel, 0.0))
-    noise = record.noise_N * record.sensitivity
-    limit = JOINED * noise + record.ripple_N / record.tensions_N[0]
+    limit = JOINED * record.noise_N * record.sensitivity + record.ripple_N / record.tensions_N[0]
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
     join = int(off_model[-1]) + 1 if off_model.size else 0
     if join > 0 and z[join - 1] > model[join - 1]:

@@ -116,8 +116,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
     notes = [f"test {label}: {text}" for label, test in tests.items() for text in test.notes]
-    loops = {k: test for k, test in tests.items() if any(c.unloads for c in test.curves)}
-    used = loops or tests
+    used = {k: test for k, test in tests.items() if any(c.unloads for c in test.curves)} or tests
     never = (label for label in tests if label not in used)
     set_aside += [(k, f"test {k}: never unloaded, while other tests are") for k in never]
     if not used:

@@ -263,8 +263,7 @@ def _se_of_held(data: _Scaled, k: Array, p: Array, posterior: Posterior) -> floa
     model, y = posterior.model, np.maximum(data.x - p[:, None], 0.0)
     column = y**2 if data.held[1] else np.ones(y.shape)
     shared = [*model.shared, Shared("held", column * data.used)]
-    wider = Mixed(model.y, shared, model.own).at(posterior.sizes)
-    se = math.sqrt(wider.of("held")[1][0, 0])
+    se = math.sqrt(Mixed(model.y, shared, model.own).at(posterior.sizes).of("held")[1][0, 0])
     return se if data.held[1] else math.sqrt(4.0 * float(k[1]) * se)
 
 

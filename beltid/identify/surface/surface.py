@@ -143,8 +143,7 @@ def _common_range(rows: Rows) -> Range | None:
 def _without_repetitions(f: Array, mu: Array, se: Array) -> Array:
     """Average repetitions, weighted by their errors if all are known; rows f, mu, se."""
     label = settings_of(f, FORCE_GAP)
-    known = np.bincount(label, se <= 0.0)[label] == 0.0
-    weights = np.where(known, se, 1.0) ** -2.0
+    weights = np.where(np.bincount(label, se <= 0.0)[label] == 0.0, se, 1.0) ** -2.0
     weights /= np.bincount(label, weights)[label]
     means = (np.bincount(label, weights * x) for x in (f, mu))
     return np.array([*means, np.sqrt(np.bincount(label, (weights * se) ** 2))])
