@@ -70,7 +70,7 @@ def by_torque(bench: Columns) -> np.ndarray:
 def test_a_running_belt_gives_what_one_at_rest_gives(bench, rewritten, kind):
     runs = reduce_runs(rewritten(bench), R, kind)
     two_cells = reduce_runs(without(bench, *BESIDE), R)
-    assert np.abs(mu(runs) - mu(two_cells)).max() < 1e-6
+    assert np.all(np.abs(mu(runs) - mu(two_cells)) < [0.01 * run.mu_sliding_se for run in runs])
     for name in ("initial_tension_N", "slip_speed_m_s", "normal_force_N_m", "tension_slack_N"):
         expected = [getattr(run, name) for run in two_cells]
         assert [getattr(run, name) for run in runs] == pytest.approx(expected, rel=1e-6)

@@ -194,8 +194,8 @@ def test_the_sliding_limit_survives_the_reduction_exactly() -> None:
     assert [r.run for r in reduced] == [run.label for run in runs]
     for run, r in zip(runs, reduced, strict=True):
         assert r.status == "ok"
-        # the model takes 2e-5 of a tension for noise
-        assert r.mu_sliding == pytest.approx(0.7, rel=2e-5)
+        # the model takes 2e-5 of a tension for noise; 2.7 mm do not exclude a tail (2.4e-4 stated)
+        assert abs(r.mu_sliding - 0.7) < min(0.25 * r.mu_sliding_se, 0.7 * 5e-5)
         assert r.initial_tension_N == pytest.approx(run.initial_tension_N, rel=1e-12)
         assert r.pulley_speed_rad_s == pytest.approx(run.pulley_speed_rad_s, rel=1e-12)
         assert math.isnan(r.mu_sticking)  # a limit has no build-up
